@@ -127,7 +127,8 @@ def _script(path: Path, module: str) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     path.unlink(missing_ok=True)
     path.write_text(
-        f"#!{sys.executable}\nimport sys\n\nfrom {module} import main\n\nsys.exit(main())\n"
+        f"#!{sys.executable}\nimport sys\n\nfrom {module} import main\n\n"
+        'if __name__ == "__main__":\n    sys.exit(main())\n'
     )
     path.chmod(0o755)
 

@@ -22,7 +22,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from vega_planner.errors import DriverError, InvalidInput, LinkTimeout, VegaError
+from vega_planner.errors import DriverError, LinkTimeout, VegaError, error_class
 from vega_robot_driver.machine import Machine
 from vega_robot_driver.status import MachineStatus, StatusPage
 
@@ -140,7 +140,7 @@ class MachineLink:
             raise LinkTimeout(f"the real-time process does not answer '{op}'")
         answer = json.loads(line)
         if "error" in answer:
-            raise error_of(int(answer["code"]))(answer["error"])
+            raise error_class(int(answer["code"]))(answer["error"])
         return answer
 
     def status(self) -> MachineStatus:
@@ -197,7 +197,7 @@ class MachineLink:
                 return link
             if failed.is_file() and (text := failed.read_text()):
                 code, _, reason = text.partition(" ")
-                raise error_of(int(code))(reason)
+                raise error_class(int(code))(reason)
             if process.poll() is not None:
                 raise DriverError(
                     f"the real-time process ended with {process.returncode}; "
@@ -206,14 +206,3 @@ class MachineLink:
             time.sleep(0.02)
         process.kill()
         raise LinkTimeout(f"the real-time process did not come up in {timeout_s:g} s")
-
-
-def error_of(code: int) -> type[VegaError]:
-    """Find the error class of a code; `VegaError` itself for an unknown one."""
-    todo: list[type[VegaError]] = [VegaError]
-    while todo:
-        kind = todo.pop()
-        if kind.code == code:
-            return kind
-        todo.extend(kind.__subclasses__())
-    return VegaError if code != InvalidInput.code else InvalidInput
