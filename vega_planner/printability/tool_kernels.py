@@ -45,7 +45,8 @@ def _distance(field, origin, inverse, x, y, z):
 
 @njit(nogil=True, cache=True)
 def tool_clearance(
-    points, axes, field, origin, inverse, start, step, inscribed, reach, rim_at, rim_radius, enough, out,
+    points, axes, field, origin, inverse, start, step, inscribed, reach, rim_at, rim_radius,
+    enough, out,
 ):  # fmt: skip
     """Measure how far the tool stays from what a distance field holds.
 

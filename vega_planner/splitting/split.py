@@ -154,12 +154,6 @@ def _cut_off(piece: _Piece, side: int) -> tuple[_Piece, _Piece]:
     assert best is not None
     cut = best[1]
     label = piece.label[cut.source]
-    carried = [
-        cut.carry(values)
-        for values in (
-            piece.thickness, piece.outside, piece.inside, piece.outside_bad, piece.inside_bad,
-        )
-    ]  # fmt: skip
     # beyond the cut the border's old labels mean nothing: what is not this side takes the
     # label of the other region
     others = piece.label[~positive]
@@ -169,7 +163,16 @@ def _cut_off(piece: _Piece, side: int) -> tuple[_Piece, _Piece]:
     for chosen in (cut.positive, ~cut.positive):
         faces, used = _compact(cut.faces[chosen], len(cut.vertices))
         halves.append(
-            _Piece(cut.vertices[used], faces, *(v[used] for v in carried), outer[chosen])
+            _Piece(
+                cut.vertices[used],
+                faces,
+                cut.carry(piece.thickness)[used],
+                cut.carry(piece.outside)[used],
+                cut.carry(piece.inside)[used],
+                cut.carry(piece.outside_bad)[used],
+                cut.carry(piece.inside_bad)[used],
+                outer[chosen],
+            )
         )
     return halves[0], halves[1]
 
