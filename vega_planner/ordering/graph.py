@@ -64,13 +64,15 @@ def sequence(before: Bools, keys: Sequence[tuple]) -> list[int]:
         keys: Priority of each node, smallest first; the node's number breaks ties.
     """
     waits = before.sum(0)
-    free = [(keys[node], node) for node in np.flatnonzero(waits == 0)]
+    free: list[tuple[tuple, int]] = [
+        (keys[int(node)], int(node)) for node in np.flatnonzero(waits == 0)
+    ]
     heapq.heapify(free)
     order: list[int] = []
     while free:
         _, node = heapq.heappop(free)
-        order.append(int(node))
-        for after in np.flatnonzero(before[node]):
+        order.append(node)
+        for after in (int(other) for other in np.flatnonzero(before[node])):
             waits[after] -= 1
             if waits[after] == 0:
                 heapq.heappush(free, (keys[after], after))

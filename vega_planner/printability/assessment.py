@@ -10,7 +10,7 @@ from their inner side.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,7 +27,7 @@ from vega_planner.datatypes import (
 from vega_planner.parallel import map_threads
 from vega_planner.printability.line_of_sight import Occluder
 from vega_planner.printability.material import EMPTY, DistanceField, Material, mesh_field
-from vega_planner.printability.orientation import orient, tilt_of
+from vega_planner.printability.orientation import orient, raise_until_clear, tilt_of, tilted
 from vega_planner.printability.reasons import reasons_of
 from vega_planner.printability.tool_shape import ToolShape
 from vega_planner.progress import Progress, Report
@@ -173,13 +173,15 @@ def assess_printability(
     laid = np.zeros(material.first[-1], np.bool_)
     judged = []
     for number, layer in enumerate(sheets):
-        side_out = outside[number]
+        side_out, inner = outside[number], None
         label = _face_labels(layer, side_out, None)
-        inner = None
+        bowl = material.field_of_faces(laid) if laid.any() else EMPTY
+        if bowl is not EMPTY:
+            # outer layers laid from inside stand there before the outer side of this one
+            side_out = _beside(layer, side_out, bowl, tool, settings)
+            label = _face_labels(layer, side_out, None)
         if (label == NEITHER).any():
-            fields = [(surroundings, tool, "substrate")]
-            if laid.any():
-                fields.append((material.field_of_faces(laid), tool, "printed_part"))
+            fields = [(surroundings, tool, "substrate"), (bowl, tool, "printed_part")]
             inner = judge_side(layer, -layer.vertex_normals, fields, cell, settings, see=False)
             label = _face_labels(layer, side_out, inner)
         laid[material.first[number] : material.first[number + 1]] = label == INSIDE
@@ -187,6 +189,48 @@ def assess_printability(
         report(Progress("printability", 0.7 + 0.3 * (number + 1) / len(sheets)))
     summary = _summarise(stack, judged, cell, settings)
     return Assessment(summary, tuple(judged), surroundings, material)
+
+
+def _beside(
+    layer: Layer,
+    side: Side,
+    bowl: DistanceField,
+    tool: ToolShape,
+    settings: PrintabilitySettings,
+) -> Side:
+    """Judge a side again where outer layers, laid from inside, come close to its tool.
+
+    Where the next layer out is there already, no tip fits in, however it is turned.
+    """
+    open_ = side.code == 0
+    outward = layer.vertices + layer.thickness[:, None] * layer.vertex_normals
+    covered = open_ & (bowl.distance(outward) < 0.25 * layer.thickness)
+    gap = np.full(len(open_), np.inf)
+    todo = np.flatnonzero(open_ & ~covered)
+    gap[todo] = bowl.clearance(
+        tool, layer.vertices[todo], side.axes[todo], settings.clearance_mm + 0.3
+    )
+    hit = gap < settings.clearance_mm
+    if not (hit | covered).any():
+        return side
+    axes, code, clear = side.axes.copy(), side.code.copy(), side.clear.copy()
+    code[covered] = _CODE["printed_part"]
+    clear[covered] = False
+    index = np.flatnonzero(hit)
+    normals = layer.vertex_normals[index]
+    if settings.orientation == "collision-free":
+        tilt, found = raise_until_clear(
+            layer.vertices[index],
+            normals,
+            tilt_of(side.axes[index]),
+            lambda _, tips, axes: bowl.clearance(tool, tips, axes, settings.clearance_mm + 0.3),
+            settings.clearance_mm,
+        )
+        axes[index[found]] = tilted(normals[found], tilt[found])
+        index = index[~found]
+    code[index] = _CODE["printed_part"]
+    clear[index] = False
+    return replace(side, axes=axes, code=code, clear=clear)
 
 
 def judge_side(
@@ -299,7 +343,7 @@ def _summarise(
         total += layer.area
         sides = [sheet.outside] + ([sheet.inside] if sheet.inside is not None else [])
         reach += _area_where(area, faces, np.any([s.reachable for s in sides], axis=0))
-        access += _area_where(area, faces, sheet.outside.seen)
+        access += _area_where(area, faces, sheet.outside.seen | _used(layer, sheet, INSIDE))
         clear += _area_where(area, faces, np.any([s.clear for s in sides], axis=0))
         printable += float(area[sheet.side != NEITHER].sum())
         split += len(np.unique(sheet.side[sheet.side != NEITHER])) > 1
@@ -321,6 +365,13 @@ def _summarise(
         reasons=reasons_of(stack, codes, judged, cell, settings),
         face_reasons=tuple(codes),
     )
+
+
+def _used(layer: Layer, sheet: SheetAssessment, side: int) -> Bools:
+    """Mark the vertices of the faces that are printed from a side."""
+    mark = np.zeros(len(layer.vertices), np.bool_)
+    mark[layer.faces[sheet.side == side].ravel()] = True
+    return mark
 
 
 def _area_where(areas: Floats, faces: Ints, good: Bools) -> float:

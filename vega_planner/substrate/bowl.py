@@ -9,6 +9,7 @@ that the part can be lifted out and an ordinary printer can print the bowl.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -168,7 +169,7 @@ def _outline_below(part: Part, top: float) -> Floats:
 
 def _frustum(
     outline: Floats, grow_top: float, grow_bottom: float, bottom: float, top: float
-) -> object:
+) -> Any:
     """Convex solid between an outline grown by one distance below and another above."""
     import manifold3d
 
