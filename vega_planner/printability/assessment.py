@@ -45,6 +45,9 @@ OWN_LAYER_MM = 6.0
 #: Bead width over layer thickness, where only the layer is known; the paper's.
 WIDTH_RATIO = 1.5
 
+#: Downward share of the normal from which on a face counts as facing down.
+FACES_DOWN = 0.03
+
 #: Sheets judged between two reports of progress.
 AT_ONCE = 8
 
@@ -174,16 +177,16 @@ def assess_printability(
     judged = []
     for number, layer in enumerate(sheets):
         side_out, inner = outside[number], None
-        label = _face_labels(layer, side_out, None)
         bowl = material.field_of_faces(laid) if laid.any() else EMPTY
         if bowl is not EMPTY:
             # outer layers laid from inside stand there before the outer side of this one
             side_out = _beside(layer, side_out, bowl, tool, settings)
-            label = _face_labels(layer, side_out, None)
-        if (label == NEITHER).any():
+        held = _held_from_below(layer, bowl, surroundings, cell)
+        label = _face_labels(layer, side_out, None, held)
+        if (label == NEITHER).any() or held.any():
             fields = [(surroundings, tool, "substrate"), (bowl, tool, "printed_part")]
             inner = judge_side(layer, -layer.vertex_normals, fields, cell, settings, see=False)
-            label = _face_labels(layer, side_out, inner)
+            label = _face_labels(layer, side_out, inner, held)
         laid[material.first[number] : material.first[number + 1]] = label == INSIDE
         judged.append(SheetAssessment(side_out, inner, label))
         report(Progress("printability", 0.7 + 0.3 * (number + 1) / len(sheets)))
@@ -320,12 +323,34 @@ def plate_tilt_limit(
     return tool.largest_tilt(height, min(clearance_mm, 0.25 * least))
 
 
-def _face_labels(layer: Layer, outside: Side, inside: Side | None) -> Ints:
-    """Choose the side each face is printed from by the majority of its corners."""
-    out = outside.printable[layer.faces].sum(1) >= 2
+def _held_from_below(
+    layer: Layer, bowl: DistanceField, surroundings: DistanceField, cell: Workcell
+) -> Bools:
+    """Mark the vertices that face down onto the plate, the substrate or a layer laid there."""
+    held = layer.vertex_normals[:, 2] < -FACES_DOWN
+    index = np.flatnonzero(held)
+    thickness = layer.thickness[index]
+    under = layer.vertices[index] + thickness[:, None] * layer.vertex_normals[index]
+    held[index] = (
+        (under[:, 2] <= cell.placement.plate_z_mm)
+        | (surroundings.distance(under) < 0.25 * thickness)
+        | (bowl.distance(under) < 0.25 * thickness)
+    )
+    return held
+
+
+def _face_labels(layer: Layer, outside: Side, inside: Side | None, held: Bools) -> Ints:
+    """Choose the side each face is printed from, by the majority of its corners.
+
+    What faces down and lies on something is printed from inside, as a bowl is, where that
+    can be done; all else from outside where that can be done.
+    """
+    faces = layer.faces
+    out = outside.printable[faces].sum(1) >= 2
     label = np.where(out, OUTSIDE, NEITHER)
     if inside is not None:
-        label[~out & (inside.printable[layer.faces].sum(1) >= 2)] = INSIDE
+        within = inside.printable[faces].sum(1) >= 2
+        label[within & (~out | (held[faces].sum(1) >= 2))] = INSIDE
     return label
 
 

@@ -51,7 +51,8 @@ class DistanceField:
         at = (points - self.origin) / self.spacing
         index = np.clip(np.rint(at), 0, np.array(self.values.shape) - 1).astype(np.int64)
         beyond = self.spacing * np.linalg.norm(at - np.clip(at, index - 0.5, index + 0.5), axis=1)
-        return np.hypot(self.values[tuple(index.T)], beyond)
+        value = self.values[tuple(index.T)]
+        return np.where(beyond > 0, np.hypot(np.maximum(value, 0.0), beyond), value)
 
     def clearance(
         self, tool: ToolShape, tips: Floats, axes: Floats, enough_mm: float = 1.0
