@@ -120,9 +120,7 @@ def pass_gaps(paths: Sequence[Toolpath], spacing_mm: float) -> Floats:
         neighbour there.
     """
     grid = _Grid.of(paths, 1.6 * spacing_mm)
-    gaps = gaps_beside(
-        grid.a, grid.b, grid.axes, *grid.cells, 0.3 * spacing_mm, 1.6 * spacing_mm
-    )
+    gaps = gaps_beside(grid.a, grid.b, grid.axes, *grid.cells, 0.3 * spacing_mm, 1.6 * spacing_mm)
     return gaps[gaps > 0] / spacing_mm
 
 
