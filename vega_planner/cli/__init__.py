@@ -24,7 +24,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # Small matrices everywhere: a second BLAS thread only spins.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     parser = make_parser()
-    options = parser.parse_args(arguments)
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    options = parser.parse_args(join_negative(words))
     from vega_planner.cli import commands
 
     try:
@@ -38,6 +39,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         sys.stderr.close()
         return 0
+
+
+def join_negative(words: Sequence[str]) -> list[str]:
+    """Write `--pose -5,0,0,0` as `--pose=-5,0,0,0`, lest the value look like an option."""
+    joined: list[str] = []
+    for word in words:
+        is_number = len(word) > 1 and word[0] == "-" and (word[1].isdigit() or word[1] == ".")
+        if is_number and joined and joined[-1].startswith("--") and "=" not in joined[-1]:
+            joined[-1] += f"={word}"
+        else:
+            joined.append(word)
+    return joined
 
 
 def one_line(error: BaseException) -> str:

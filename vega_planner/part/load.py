@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vega_planner.datatypes import Bools, Floats, Part, TriangleGeometry
+from vega_planner.datatypes import Floats, Part, TriangleGeometry
 from vega_planner.errors import BadMesh
 from vega_planner.part.readers import RawMesh, read_mesh, source_path
 from vega_planner.part.repair import make_solid
@@ -53,11 +53,11 @@ def load_part(
     settings = settings or PartSettings()
     raw, origin = _read(source)
     report(Progress("part", 0.2))
-    finite: Bools = np.isfinite(raw.vertices).all(1)
-    if not finite.all():
-        count = int((~finite).sum())
+    astray = np.flatnonzero(~np.isfinite(raw.vertices).all(axis=1))
+    if len(astray):
         raise BadMesh(
-            f"mesh '{raw.name}': {count} of {len(finite)} vertices are not finite numbers"
+            f"mesh '{raw.name}': {len(astray)} of {len(raw.vertices)} vertices are not finite "
+            f"numbers, the first is vertex {astray[0]}"
         )
     used = raw.vertices[raw.faces.ravel()]
     extent = float(np.ptp(used, axis=0).max()) if len(used) else 0.0
