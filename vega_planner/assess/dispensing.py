@@ -49,9 +49,7 @@ class Dispensing:
         ):
             value = getattr(self, name)
             if not low <= value <= high:
-                raise InvalidInput(
-                    f"dispensing {name} is {value:g}; allowed: {low:g} to {high:g}"
-                )
+                raise InvalidInput(f"dispensing {name} is {value:g}; allowed: {low:g} to {high:g}")
 
 
 #: Nothing goes wrong.

@@ -75,7 +75,8 @@ class Deviation:
 def vertex_areas(vertices: Floats, faces: Ints) -> Floats:
     """Share the area of faces among their corners [mm²], shape (n,)."""
     thirds = np.linalg.norm(face_cross(vertices, faces), axis=1) / 6
-    return np.bincount(faces.ravel(), np.repeat(thirds, 3), minlength=len(vertices))
+    areas = np.bincount(faces.ravel(), np.repeat(thirds, 3), minlength=len(vertices))
+    return areas.astype(np.float64)
 
 
 def measure_deviation(
