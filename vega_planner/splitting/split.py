@@ -189,9 +189,13 @@ def _compact(faces: Ints, count: int) -> tuple[Ints, Ints]:
 def _patches(piece: _Piece, side: int, number: int, crumb_mm2: float) -> list[Patch]:
     """Make a patch of each connected part of a piece."""
     axes = piece.outside if side == OUTSIDE else piece.inside
-    axes = axes / np.linalg.norm(axes, axis=1, keepdims=True)
+    length = np.linalg.norm(axes, axis=1, keepdims=True)
+    if np.abs(length - 1).max() > 1e-12:  # interpolated at a cut
+        axes = axes / length
     part = np.empty(len(piece.faces), np.int64)
     count = components(len(piece.vertices), piece.faces, part)
+    if count == 1 and side == OUTSIDE and len(piece.faces) > 8:
+        return [Patch(number, piece.vertices, piece.faces, piece.thickness, axes)]
     made = []
     for k in range(count):
         chosen = part == k
