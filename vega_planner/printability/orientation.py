@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vega_planner.datatypes import Bools, Floats, Ints
-from vega_planner.printability.tool_kernels import limit_slope
+from vega_planner.printability.mesh_kernels import limit_slope
 from vega_planner.settings import PrintabilitySettings
 
 #: Steps in which the nozzle is raised towards the vertical until it is clear.
