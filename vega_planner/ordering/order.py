@@ -27,11 +27,11 @@ from vega_planner.printability.assessment import (
     OWN_LAYER_MM,
     Assessment,
     plate_tilt_limit,
+    printed_before,
     stage_height,
 )
 from vega_planner.printability.material import EMPTY, DistanceField, Material, mesh_field
-from vega_planner.printability.orientation import raise_until_clear, tilt_of, tilted
-from vega_planner.printability.tool_kernels import limit_slope
+from vega_planner.printability.orientation import raise_until_clear, smoothed, tilt_of, tilted
 from vega_planner.printability.tool_shape import ToolShape
 from vega_planner.progress import Progress, Report
 from vega_planner.settings import PrintabilitySettings
@@ -139,7 +139,11 @@ def order_patches(
         empty = np.zeros((0, 0))
         base = _base_report(assessment)
         return PrintOrder((), empty, empty, np.zeros(0), np.zeros(0), base)
-    material = Material(stack.part, patches, stage_height(stack))
+    whole = assessment is not None and _are_sheets(patches, stack)
+    if assessment is not None and whole:
+        material = assessment.material
+    else:
+        material = Material(stack.part, patches, stage_height(stack))
     owner = np.repeat(np.arange(count), np.diff(material.first))
     samples = sample_patches(patches)
     report(Progress("ordering", 0.1))
@@ -168,13 +172,26 @@ def order_patches(
     patches = [patches[node] for node in order]
     rank = np.empty(count, np.int64)
     rank[order] = np.arange(count)
-    proven, bad = _prove(patches, order, stack, material, surroundings, cell, settings, report)
+    judged = assessment if whole else None
+    proven, bad = _prove(
+        patches, order, stack, material, surroundings, judged, cell, settings, report
+    )
     floating = _floating(samples, support, rank, hard, count)
     moved = np.ix_(order, order)
     final = _with_sequence(_base_report(assessment), proven, bad, floating, cell)
     colliding = np.array([_bad_area(patch, mask) for patch, mask in zip(proven, bad)])
     return PrintOrder(
         tuple(proven), support.share[moved], blocked[moved], colliding, floating, final
+    )
+
+
+def _are_sheets(patches: Sequence[Patch], stack: LayerStack) -> bool:
+    """Tell whether the patches are the sheets, whole and in their order."""
+    return len(patches) == len(stack.sheets) and all(
+        patch.layer == number
+        and np.array_equal(patch.faces, sheet.faces)
+        and np.array_equal(patch.vertices, sheet.vertices)
+        for number, (patch, sheet) in enumerate(zip(patches, stack.sheets))
     )
 
 
@@ -200,11 +217,16 @@ def _prove(
     stack: LayerStack,
     material: Material,
     surroundings: DistanceField,
+    judged: Assessment | None,
     cell: Workcell,
     settings: PrintabilitySettings,
     report: Report,
 ) -> tuple[list[Patch], list[Bools]]:
-    """Check every patch against what is there when it is printed; raise where needed."""
+    """Check every patch against what is there when it is printed; raise where needed.
+
+    Where the patches are the sheets and `judged` has judged one against just what is
+    there, that outcome is taken.
+    """
     tool = ToolShape.of(cell.tool)
     bulk = ToolShape.of(cell.tool, OWN_LAYER_MM)
     count = len(patches)
@@ -215,8 +237,19 @@ def _prove(
         chosen[node] = True
     stages.append(chosen)
 
+    def known(at: int) -> Bools | None:
+        sheet = order[at]
+        if judged is None or not np.array_equal(stages[at], printed_before(stack, sheet)):
+            return None
+        if not np.array_equal(patches[at].tool_axes, judged.sheets[sheet].outside.axes):
+            return None
+        return ~judged.sheets[sheet].outside.clear
+
     def check(at: int) -> tuple[Patch, Bools]:
         patch = patches[at]
+        outcome = known(at)
+        if outcome is not None:
+            return patch, outcome
         fields = [(surroundings, tool)]
         if at:
             fields.append((material.field_of(stages[at]), tool))
@@ -256,22 +289,28 @@ def _prove(
         )
         new = tilt.copy()
         new[todo[found]] = raised[found]
-        smooth = new.copy()
-        limit_slope(patch.vertices, patch.faces, smooth, np.radians(settings.max_tilt_rate_deg_mm))
-        moved = np.flatnonzero(smooth < new - 1e-3)
-        if len(moved):
-            axes = tilted(patch.tool_axes[moved], smooth[moved])
-            worse = clearance(moved, patch.vertices[moved], axes) < settings.clearance_mm
-            smooth[moved[worse]] = new[moved[worse]]
-        hit[todo[found]] = False
-        return replace(patch, tool_axes=tilted(patch.tool_axes, smooth)), hit
+        kept = ~hit
+        kept[todo[found]] = True
+        axes, clear = smoothed(
+            patch.vertices,
+            patch.faces,
+            patch.tool_axes,
+            new,
+            kept,
+            limit,
+            clearance,
+            settings,
+        )
+        return replace(patch, tool_axes=axes), ~clear
 
     done: list[tuple[Patch, Bools]] = []
     for first in range(0, count, 8):
         last = min(first + 8, count)
-        material.prepare(stages[max(first, 1) : last + 1])
+        if judged is None:
+            material.prepare(stages[max(first, 1) : last + 1])
         done += map_threads(check, range(first, last))
-        material.forget(stages[max(first, 1) : last])
+        if judged is None:
+            material.forget(stages[max(first, 1) : last])
         report(Progress("ordering", 0.4 + 0.6 * last / count))
     return [patch for patch, _ in done], [hit for _, hit in done]
 

@@ -25,6 +25,7 @@ from vega_planner.datatypes import (
     PrintabilityReport,
 )
 from vega_planner.parallel import map_threads
+from vega_planner.printability.islands import neighbours_of, without_islands
 from vega_planner.printability.line_of_sight import Occluder
 from vega_planner.printability.material import EMPTY, DistanceField, Material, mesh_field
 from vega_planner.printability.orientation import orient, raise_until_clear, tilt_of, tilted
@@ -42,11 +43,15 @@ OUTSIDE, INSIDE, NEITHER = 1, -1, 0
 #: what the tool stands on.
 OWN_LAYER_MM = 6.0
 
+#: Regions smaller than this many squared layer thicknesses are noise of the labels.
+ISLAND = 9.0
+
 #: Bead width over layer thickness, where only the layer is known; the paper's.
 WIDTH_RATIO = 1.5
 
-#: Downward share of the normal from which on a face counts as facing down.
-FACES_DOWN = 0.03
+#: Downward share of the normal from which on a face lies on the substrate or the layer
+#: under it, and from which on it lies on the plate. (The foot of a leaning wall does not.)
+FACES_DOWN, LIES_ON_PLATE = 0.03, 0.5
 
 #: Sheets judged between two reports of progress.
 AT_ONCE = 8
@@ -187,6 +192,7 @@ def assess_printability(
             fields = [(surroundings, tool, "substrate"), (bowl, tool, "printed_part")]
             inner = judge_side(layer, -layer.vertex_normals, fields, cell, settings, see=False)
             label = _face_labels(layer, side_out, inner, held)
+        label = _without_noise(layer, label)
         laid[material.first[number] : material.first[number + 1]] = label == INSIDE
         judged.append(SheetAssessment(side_out, inner, label))
         report(Progress("printability", 0.7 + 0.3 * (number + 1) / len(sheets)))
@@ -272,7 +278,9 @@ def judge_side(
     reachable = reach == 0
     seen = np.ones(len(points), np.bool_)
     if see:
-        seen = ~Occluder(layer).blocks(points, axes)
+        # half the bead is the layer itself: the line counts from its surface on
+        offset = 0.5 * float(np.median(layer.thickness))
+        seen = ~Occluder(layer).blocks(points, axes, offset)
     if not oriented.clear.all():
         missed = np.flatnonzero(~oriented.clear)
         code[missed] = _CODE["plate"]
@@ -332,7 +340,10 @@ def _held_from_below(
     thickness = layer.thickness[index]
     under = layer.vertices[index] + thickness[:, None] * layer.vertex_normals[index]
     held[index] = (
-        (under[:, 2] <= cell.placement.plate_z_mm)
+        (
+            (under[:, 2] <= cell.placement.plate_z_mm)
+            & (layer.vertex_normals[index, 2] < -LIES_ON_PLATE)
+        )
         | (surroundings.distance(under) < 0.25 * thickness)
         | (bowl.distance(under) < 0.25 * thickness)
     )
@@ -352,6 +363,14 @@ def _face_labels(layer: Layer, outside: Side, inside: Side | None, held: Bools) 
         within = inside.printable[faces].sum(1) >= 2
         label[within & (~out | (held[faces].sum(1) >= 2))] = INSIDE
     return label
+
+
+def _without_noise(layer: Layer, label: Ints) -> Ints:
+    """Give regions too small for a few beads the side of what surrounds them."""
+    if (label == label[0]).all():
+        return label
+    island = ISLAND * float(np.median(layer.thickness)) ** 2
+    return without_islands(neighbours_of(layer), layer.face_areas, label, island)
 
 
 def _summarise(

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 from numba import njit
 
 CLEAR = 1e3  # distance [mm] reported where nothing is near
@@ -160,73 +159,3 @@ def tool_hits(points, axes, group, obstacles, owner, start, step, radius, margin
             if square < r * r:
                 skip = owner[j]
                 hits[g, skip] += 1
-
-
-@njit(nogil=True, cache=True)
-def limit_slope(vertices, faces, value, rate):
-    """Lower a vertex field until it rises by at most `rate` per mm along every edge.
-
-    Args:
-        vertices: (n, 3) float64 [mm].
-        faces: (m, 3) int64.
-        value: (n,) float64, lowered in place.
-        rate: Largest slope per mm.
-    """
-    for sweep in range(200):
-        changed = False
-        count = faces.shape[0]
-        for g in range(count):
-            f = g if sweep % 2 == 0 else count - 1 - g
-            for e in range(3):
-                a, b = faces[f, e], faces[f, (e + 1) % 3]
-                d = 0.0
-                for x in range(3):
-                    d += (vertices[a, x] - vertices[b, x]) ** 2
-                rise = rate * math.sqrt(d)
-                if value[a] > value[b] + rise + 1e-9:
-                    value[a] = value[b] + rise
-                    changed = True
-                elif value[b] > value[a] + rise + 1e-9:
-                    value[b] = value[a] + rise
-                    changed = True
-        if not changed:
-            break
-
-
-@njit(nogil=True, cache=True)
-def components(count, faces, out):
-    """Number the connected pieces of a mesh, faces joined by a shared vertex.
-
-    Args:
-        count: Number of vertices.
-        faces: (m, 3) int64.
-        out: (m,) int64, written: piece of each face, numbered by first face.
-
-    Returns:
-        Number of pieces.
-    """
-    parent = np.arange(count)
-    for f in range(faces.shape[0]):
-        for e in range(1, 3):
-            a, b = faces[f, 0], faces[f, e]
-            while parent[a] != a:
-                parent[a] = parent[parent[a]]
-                a = parent[a]
-            while parent[b] != b:
-                parent[b] = parent[parent[b]]
-                b = parent[b]
-            if a < b:
-                parent[b] = a
-            else:
-                parent[a] = b
-    number = np.full(count, -1)
-    total = 0
-    for f in range(faces.shape[0]):
-        a = faces[f, 0]
-        while parent[a] != a:
-            a = parent[a]
-        if number[a] < 0:
-            number[a] = total
-            total += 1
-        out[f] = number[a]
-    return total
