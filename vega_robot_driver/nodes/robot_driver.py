@@ -67,7 +67,7 @@ if TYPE_CHECKING:
 PARAMETERS: dict[str, tuple[Any, str]] = {
     "hardware": ("simulated", "simulated, emulated (drives and dispenser on a wire) or ethercat."),
     "robot": ("vega5", "Name of a robot in config/robots, or path of a URDF or xacro file."),
-    "material": ("se1700", "Name of a material: pressure, and lead and lag of the dispenser."),
+    "material": ("se1700", "Name of a material: the dispenser's pressure."),
     "machine": ("", "YAML file of the bus: drives, their identity, units and mapping."),
     "interface": ("", "Network interface of the bus; over the one in the machine file."),
     "state_folder": ("", "Where checkpoint and status are kept; default below ~/.ros/vega."),
@@ -334,15 +334,7 @@ class RobotDriver(LifecycleNode):
         way = approach(robot, status.positions, job.positions[entry], float(tips[:, 2].max()))
         arrays = {name: getattr(job, name) for name in job.__dataclass_fields__}
         np.savez(link.folder / "job.npz", waypoints=way, **arrays)
-        material = self._material
-        link.ask(
-            "load",
-            job="job.npz",
-            start_u=start,
-            overlap_s=overlap,
-            lead_s=material.lead_s if material else 0.0,
-            lag_s=material.lag_s if material else 0.0,
-        )
+        link.ask("load", job="job.npz", start_u=start, overlap_s=overlap)
         self._beads.start(job, tips)
         return link.status().clock
 
