@@ -46,7 +46,7 @@ class RobotView:
         """
         self.clear_robot()
         self._model = model
-        T = np.linalg.inv(T_base_part)
+        T: Floats = np.asarray(np.linalg.inv(T_base_part), dtype=np.float64)
         self._root = self._frame("/robot", T)
         paths = {model.root: "/robot"}
         self._draw_link(model, model.root, "/robot")
