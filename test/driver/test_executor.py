@@ -158,8 +158,8 @@ def test_a_job_beyond_the_limits_is_refused():
         job.path_id,
         job.path_layer,
     )
-    with pytest.raises(InvalidInput, match=r"sample 7 .* z_axis to -0.5; limits -0.16"):
-        new_executor().load(bad)
+    with pytest.raises(InvalidInput, match=r"z_axis to -0.5 .. -0.05; limits -0.16"):
+        new_executor().check_job(bad)
 
 
 def test_a_path_faster_than_the_limits_faults_before_the_wire():
@@ -174,7 +174,9 @@ def test_a_path_faster_than_the_limits_faults_before_the_wire():
         job.path_layer,
     )
     executor = new_executor()
-    executor.load(quick)
+    with pytest.raises(InvalidInput, match="limit 0.5"):
+        executor.check_job(quick)
+    executor.load(quick)  # and if it had slipped through, it would end here
     executor.run()
     run_to_end(executor)
     assert executor.state == "fault"
