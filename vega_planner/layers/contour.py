@@ -27,6 +27,7 @@ class Sheet:
         faces: Vertex indices, outward side counter-clockwise, shape (m, 3).
         slots: A triangle of S (tree order) next to each vertex, shape (n,).
         rim: True for vertices on the restraint region, shape (n,).
+        inward: Unit vectors away from the nearest point of S, shape (n, 3).
     """
 
     depth: float
@@ -34,6 +35,7 @@ class Sheet:
     faces: Ints
     slots: Ints
     rim: np.ndarray
+    inward: Floats
 
 
 def contour_levels(
@@ -85,12 +87,13 @@ def contour_levels(
     vertex_level = np.full(total, -1, np.int16)
     vertex_slot = np.zeros(total, np.int32)
     is_rim = np.zeros(total, np.uint8)
+    inward = np.zeros((total, 3))
     field_set: tuple[Any, ...] = (field.tri, *field.rings, field.box)
     map_threads(
         lambda s: kernels.make_vertices(
             *field_set, *brr_set, origin, h, state, grid.distance, grid.slot, grid.gradient,
             grid.level, leave, r0, t, edges, counts, members, corner_step, ny, nz, *s,
-            base, position, vertex_level, vertex_slot, is_rim,
+            base, position, vertex_level, vertex_slot, is_rim, inward,
         ),
         slabs,
     )  # fmt: skip
@@ -103,7 +106,7 @@ def contour_levels(
         ),
         list(pairwise(pieces)),
     )
-    return _by_level(position, vertex_level, vertex_slot, is_rim, faces, r0, t)
+    return _by_level(position, vertex_level, vertex_slot, is_rim, inward, faces, r0, t)
 
 
 def _quads(grid, field, leave, r0, t, counts, members, corner_step, slabs, base):  # type: ignore[no-untyped-def]
@@ -123,7 +126,7 @@ def _quads(grid, field, leave, r0, t, counts, members, corner_step, slabs, base)
     return np.concatenate(map_threads(collect, slabs))
 
 
-def _by_level(position, vertex_level, vertex_slot, is_rim, faces, r0, t):  # type: ignore[no-untyped-def]
+def _by_level(position, vertex_level, vertex_slot, is_rim, inward, faces, r0, t):  # type: ignore[no-untyped-def]
     """Sort vertices and faces into one sheet per level."""
     used = np.zeros(len(position), bool)
     used[faces] = True
@@ -144,6 +147,7 @@ def _by_level(position, vertex_level, vertex_slot, is_rim, faces, r0, t):  # typ
                 number[faces[face_level == k]],
                 vertex_slot[mine].astype(np.int64),
                 is_rim[mine] > 0,
+                inward[mine],
             )
         )
     return sheets

@@ -400,6 +400,7 @@ def make_vertices(
     vertex_level,
     vertex_slot,
     is_rim,
+    inward,
 ):
     """Place the vertices of the cells in planes first:last."""
     stack = np.zeros(64, np.int64)
@@ -529,6 +530,11 @@ def make_vertices(
                         position[vertex, 1] = v[1]
                         position[vertex, 2] = v[2]
                         vertex_slot[vertex] = hint
+                        d2, fx, fy, fz = closest(tri, hint, v[0], v[1], v[2])
+                        e2 = max(np.sqrt(d2), 1e-12)
+                        inward[vertex, 0] = (v[0] - fx) / e2
+                        inward[vertex, 1] = (v[1] - fy) / e2
+                        inward[vertex, 2] = (v[2] - fz) / e2
                         is_rim[vertex] = 1 if beyond > 0 else 0
                         vertex += 1
 

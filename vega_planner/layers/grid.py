@@ -36,6 +36,7 @@ class Grid:
             restraint region, (n,).
         slot: Nearest triangle of S, in tree order; -1 where unknown, (n,).
         gradient: Gradient of the distance, (n, 3).
+        level: Number of levels below the distance, (n,).
     """
 
     origin: Floats
@@ -46,6 +47,10 @@ class Grid:
     slot: np.ndarray
     gradient: np.ndarray
     level: np.ndarray
+
+    def points(self, nodes: np.ndarray) -> Floats:
+        """Positions of nodes [mm], shape (n, 3)."""
+        return self.origin + self.spacing * np.stack(np.unravel_index(nodes, self.shape), axis=1)
 
     def slabs(self, count: int = SLABS) -> list[tuple[int, int]]:
         """Cut the planes i = 1 .. nx - 2 into slabs (first, last)."""
