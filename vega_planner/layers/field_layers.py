@@ -13,7 +13,8 @@ from vega_planner.layers.contour import Sheet, contour_levels
 from vega_planner.layers.core import Core, fill_core
 from vega_planner.layers.coverage import coverage_ratios
 from vega_planner.layers.distance_field import DistanceField
-from vega_planner.layers.grid import sample_part
+from vega_planner.layers.geodesic import Sources, bend_distances, is_convex_at_region
+from vega_planner.layers.grid import finish, sample_part
 from vega_planner.progress import Report
 from vega_planner.settings import LayerSettings
 
@@ -61,8 +62,19 @@ def field_layers(part: Part, settings: LayerSettings, report: Report) -> LayerSt
     brr = None
     if part.restrained.any():
         brr = DistanceField(part.vertices, part.faces[part.restrained])
-    grid = sample_part(part, field, brr, grid_spacing(part, t), t / 2, t, report)
-    sheets = contour_levels(grid, field, brr, t / 2, t)
+    grid = sample_part(part, field, grid_spacing(part, t), report)
+    sources = Sources.straight(field)
+    warnings: tuple[str, ...] = ()
+    if brr is not None and not is_convex_at_region(part):
+        sources, changed = bend_distances(part, grid, field, brr, t, report)
+        if changed > 0:
+            warnings = (
+                f"{changed:.1%} of the volume lies behind the restraint region as seen from "
+                "the surface; its layers follow the distance inside the part, not the "
+                "straight one",
+            )
+    finish(grid, sources.tri, brr, t / 2, t)
+    sheets = contour_levels(grid, sources, brr, t / 2, t)
     core = Core.nothing(sheets, t)
     if settings.fill_core:
         core = fill_core(part, grid, field, brr, sheets, t)
@@ -96,6 +108,7 @@ def field_layers(part: Part, settings: LayerSettings, report: Report) -> LayerSt
         cores=sheets_made[len(layers) :],
         uncovered_ratio=uncovered,
         overfill_ratio=overfill,
+        warnings=warnings,
     )
 
 
