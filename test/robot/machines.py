@@ -9,7 +9,9 @@ LINK = (
 )
 
 
-def joint(name, kind, parent, child, xyz, axis="0 0 1", limits=(-1.0, 1.0), rpy="0 0 0", speed=6.28):
+def joint(
+    name, kind, parent, child, xyz, axis="0 0 1", limits=(-1.0, 1.0), rpy="0 0 0", speed=6.28
+):
     lower, upper = limits
     limit = f'<limit lower="{lower}" upper="{upper}" velocity="{speed}" effort="1"/>'
     return (
