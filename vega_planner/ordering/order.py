@@ -35,6 +35,7 @@ from vega_planner.printability.orientation import raise_until_clear, smoothed, t
 from vega_planner.printability.tool_shape import ToolShape
 from vega_planner.progress import Progress, Report
 from vega_planner.settings import PrintabilitySettings
+from vega_planner.splitting.bands import bands
 
 if TYPE_CHECKING:
     from vega_planner.robot.workcell import Workcell
@@ -45,6 +46,16 @@ SUPPORT_SHARE = 0.1
 #: Share of a patch's poses that meet another for the other to wait. Poses fewer than this
 #: are turned out of the way, one by one, when the sequence is checked.
 BLOCK_SHARE = 0.02
+
+
+#: Largest tilts tried for patches that wait for each other [deg].
+TILTS_DEG = (45.0, 20.0)
+
+#: Heights of the bands they are cut into where that does not help [mm].
+BANDS_MM = (6.0, 3.0, 1.5)
+
+#: Number of patches at which cutting ends.
+MOST_PATCHES = 400
 
 
 @dataclass(frozen=True)
@@ -140,32 +151,15 @@ def order_patches(
         base = _base_report(assessment)
         return PrintOrder((), empty, empty, np.zeros(0), np.zeros(0), base)
     whole = assessment is not None and _are_sheets(patches, stack)
-    if assessment is not None and whole:
-        material = assessment.material
-    else:
-        material = Material(stack.part, patches, stage_height(stack))
-    owner = np.repeat(np.arange(count), np.diff(material.first))
-    samples = sample_patches(patches)
-    report(Progress("ordering", 0.1))
-    support = find_support(
-        samples, count, material, owner, surroundings, cell.placement.plate_z_mm
-    )
-    hard = support.share > SUPPORT_SHARE
-    hard &= ~(hard.T & (support.share < support.share.T))
-    margin = settings.clearance_mm
-    blocked = find_blocking(samples, samples, count, tool, margin)
+    material = assessment.material if assessment is not None and whole else None
+    graph = _Graph.of(patches, stack, cell, surroundings, tool, settings, material)
     report(Progress("ordering", 0.3))
-    for most_deg in (45.0, 20.0):
-        soft = np.where(blocked > BLOCK_SHARE, blocked, 0.0)
-        groups = cycles(hard | (soft > 0))
-        if not groups or settings.orientation != "collision-free":
-            break
-        for nodes in groups:
-            for node in nodes:
-                patches[node] = _raised(patches[node], np.radians(most_deg), settings)
-        samples = sample_patches(patches)
-        blocked = find_blocking(samples, samples, count, tool, margin)
-    soft = np.where(blocked > BLOCK_SHARE, blocked, 0.0)
+    if graph.tangles() and settings.orientation == "collision-free":
+        graph = _untangled(graph, stack, cell, surroundings, tool, settings, report)
+    patches, count = list(graph.patches), len(graph.patches)
+    material, samples, support = graph.material, graph.samples, graph.support
+    blocked, hard, soft = graph.blocked, graph.hard, graph.soft
+    whole = whole and material is assessment.material if assessment is not None else False
     before, _ = break_cycles(hard, soft)
     order = sequence(before, _keys(patches, stack))
     report(Progress("ordering", 0.4))
@@ -204,6 +198,96 @@ def _keys(patches: Sequence[Patch], stack: LayerStack) -> list[tuple]:
         inside_first = patch.layer if sheet.kind == "planar" else -patch.layer
         keys.append((level, inside_first))
     return keys
+
+
+@dataclass(frozen=True, eq=False)
+class _Graph:
+    """Patches with what they lie on and what stands in their way."""
+
+    patches: tuple[Patch, ...]
+    material: Material
+    samples: Samples
+    support: Support
+    blocked: Floats
+
+    @classmethod
+    def of(
+        cls,
+        patches: Sequence[Patch],
+        stack: LayerStack,
+        cell: Workcell,
+        surroundings: DistanceField,
+        tool: ToolShape,
+        settings: PrintabilitySettings,
+        material: Material | None = None,
+    ) -> _Graph:
+        count = len(patches)
+        if material is None:
+            material = Material(stack.part, patches, stage_height(stack))
+        owner = np.repeat(np.arange(count), np.diff(material.first))
+        samples = sample_patches(patches)
+        support = find_support(
+            samples, count, material, owner, surroundings, cell.placement.plate_z_mm
+        )
+        blocked = find_blocking(samples, samples, count, tool, settings.clearance_mm)
+        return cls(tuple(patches), material, samples, support, blocked)
+
+    @property
+    def hard(self) -> Bools:
+        """Edges of support: of two that lie on each other, the one that carries more."""
+        share = self.support.share
+        hard = share > SUPPORT_SHARE
+        return hard & ~(hard.T & (share < share.T))
+
+    @property
+    def soft(self) -> Floats:
+        """Weights of the edges of blocking."""
+        return np.where(self.blocked > BLOCK_SHARE, self.blocked, 0.0)
+
+    def tangles(self) -> list[list[int]]:
+        """Groups of patches that wait for each other."""
+        return cycles(self.hard | (self.soft > 0))
+
+
+def _untangled(
+    graph: _Graph,
+    stack: LayerStack,
+    cell: Workcell,
+    surroundings: DistanceField,
+    tool: ToolShape,
+    settings: PrintabilitySettings,
+    report: Report,
+) -> _Graph:
+    """Resolve cycles: first by steeper tool axes, then by cutting into bands of height."""
+    for most_deg in TILTS_DEG:
+        patches = list(graph.patches)
+        for nodes in graph.tangles():
+            for node in nodes:
+                patches[node] = _raised(patches[node], np.radians(most_deg), settings)
+        samples = sample_patches(patches)
+        blocked = find_blocking(samples, samples, len(patches), tool, settings.clearance_mm)
+        steeper = replace(graph, patches=tuple(patches), samples=samples, blocked=blocked)
+        if not steeper.tangles():
+            return steeper
+    for height in BANDS_MM:
+        report(Progress("ordering", 0.35))
+        tangled = {node for nodes in graph.tangles() for node in nodes}
+        patches = []
+        for node, patch in enumerate(graph.patches):
+            if node not in tangled:
+                patches.append(patch)
+                continue
+            low, high = patch.vertices[:, 2].min(), patch.vertices[:, 2].max()
+            first = cell.placement.plate_z_mm + height
+            cuts = np.arange(first, high - 0.3 * height, height)
+            patches += bands(patch, [float(z) for z in cuts if z > low + 0.3 * height])
+        if len(patches) > MOST_PATCHES:
+            break
+        if len(patches) > len(graph.patches):
+            graph = _Graph.of(patches, stack, cell, surroundings, tool, settings)
+        if not graph.tangles():
+            break
+    return graph
 
 
 def _raised(patch: Patch, most: float, settings: PrintabilitySettings) -> Patch:
