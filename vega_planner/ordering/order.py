@@ -48,6 +48,9 @@ SUPPORT_SHARE = 0.1
 BLOCK_SHARE = 0.02
 
 
+#: Share of a patch without anything under it that is told.
+FLOATING_SHARE = 0.05
+
 #: Largest tilts tried for patches that wait for each other [deg].
 TILTS_DEG = (45.0, 20.0)
 
@@ -138,7 +141,7 @@ def order_patches(
         The patches in print order with the proof.
     """
     patches = list(patches)
-    count = len(patches)
+    count = given = len(patches)
     tool = ToolShape.of(cell.tool)
     if assessment is not None:
         surroundings = assessment.surroundings
@@ -172,7 +175,10 @@ def order_patches(
     )
     floating = _floating(samples, support, rank, hard, count)
     moved = np.ix_(order, order)
-    final = _with_sequence(_base_report(assessment), proven, bad, floating, cell)
+    base = _base_report(assessment)
+    if count > given and base.status == "fully":
+        base = replace(base, status="conditionally")
+    final = _with_sequence(base, proven, bad, floating, cell)
     colliding = np.array([_bad_area(patch, mask) for patch, mask in zip(proven, bad)])
     return PrintOrder(
         tuple(proven), support.share[moved], blocked[moved], colliding, floating, final
@@ -408,7 +414,8 @@ def _floating(samples: Samples, support: Support, rank: Ints, hard: Bools, count
         total = float(samples.area[own].sum())
         loose = float(samples.area[own & support.floating].sum())
         loose += total * float(support.share[late[:, node], node].sum())
-        area[rank[node]] = loose
+        # less than this is the grain of samples and voxels at the patch's rim
+        area[rank[node]] = loose if loose > FLOATING_SHARE * total else 0.0
     return area
 
 
@@ -444,7 +451,7 @@ def _with_sequence(
             where = (float(middle[0]), float(middle[1]), float(middle[2]))
             reasons.append(Reason("printed_part", patch.layer, area, where, remedy))
     for patch, area in zip(patches, floating):
-        if area > 1.0 and area > 0.02 * patch.area:
+        if area > 1.0:
             middle = patch.vertices.mean(0)
             where = (float(middle[0]), float(middle[1]), float(middle[2]))
             remedy = "a substrate under it (vega substrate), or --brr down"

@@ -135,10 +135,23 @@ class Material:
             )
         kernels.nearest_label(self.face)
         self._fields: dict[bytes, DistanceField] = {}
+        self._whole: DistanceField | None = None
 
     def prepare(self, stages: Sequence[np.ndarray]) -> None:
         """Compute the fields of several choices of surfaces on all cores."""
         map_threads(self.field_of, {np.packbits(c).tobytes(): c for c in stages}.values())
+
+    def holds(self, points: Floats) -> np.ndarray:
+        """Tell which points are in the part, give or take half a voxel, shape (n,)."""
+        if self._whole is None:
+            self._whole = DistanceField.of(self.solid, self.origin, self.spacing)
+        return self._whole.distance(points) <= 0.5 * self.spacing
+
+    def face_at(self, points: Floats) -> np.ndarray:
+        """Name the face whose material is at points, or nearest to them, shape (n,)."""
+        index = np.rint((points - self.origin) / self.spacing).astype(np.int64)
+        i, j, k = np.clip(index, 0, np.array(self.face.shape) - 1).T
+        return self.face[i, j, k]
 
     def forget(self, stages: Sequence[np.ndarray]) -> None:
         """Drop the fields of choices that are not needed any more."""
