@@ -24,6 +24,7 @@ from vega_planner.ordering.graph import break_cycles, cycles, sequence
 from vega_planner.ordering.samples import Samples, sample_patches
 from vega_planner.parallel import map_threads
 from vega_planner.printability.assessment import (
+    OUTSIDE,
     OWN_LAYER_MM,
     Assessment,
     plate_tilt_limit,
@@ -47,6 +48,9 @@ SUPPORT_SHARE = 0.1
 #: are turned out of the way, one by one, when the sequence is checked.
 BLOCK_SHARE = 0.02
 
+
+#: Share of a sheet's vertices that may be unclear in an order that is taken as it comes.
+UNCLEAR_SHARE = 0.02
 
 #: Share of a patch without anything under it that is told.
 FLOATING_SHARE = 0.05
@@ -155,18 +159,25 @@ def order_patches(
         return PrintOrder((), empty, empty, np.zeros(0), np.zeros(0), base)
     whole = assessment is not None and _are_sheets(patches, stack)
     material = assessment.material if assessment is not None and whole else None
-    graph = _Graph.of(patches, stack, cell, surroundings, tool, settings, material)
+    natural = assessment is not None and _one_sided(assessment)
+    graph = _Graph.of(
+        patches, stack, cell, surroundings, tool, settings, material, block=not natural
+    )
     report(Progress("ordering", 0.3))
-    if graph.tangles() and settings.orientation == "collision-free":
-        graph = _untangled(graph, stack, cell, surroundings, tool, settings, report)
-    patches, count = list(graph.patches), len(graph.patches)
+    if natural:
+        # the assessment has proven every sheet clear of all that is laid before it
+        order = _natural_order(patches, stack)
+    else:
+        if graph.tangles() and settings.orientation == "collision-free":
+            graph = _untangled(graph, stack, cell, surroundings, tool, settings, report)
+        whole = whole and graph.material is material
+        before, _ = break_cycles(graph.hard, graph.soft)
+        order = sequence(before, _keys(graph.patches, stack))
+    count = len(graph.patches)
     material, samples, support = graph.material, graph.samples, graph.support
-    blocked, hard, soft = graph.blocked, graph.hard, graph.soft
-    whole = whole and material is assessment.material if assessment is not None else False
-    before, _ = break_cycles(hard, soft)
-    order = sequence(before, _keys(patches, stack))
+    blocked, hard = graph.blocked, graph.hard
     report(Progress("ordering", 0.4))
-    patches = [patches[node] for node in order]
+    patches = [graph.patches[node] for node in order]
     rank = np.empty(count, np.int64)
     rank[order] = np.arange(count)
     judged = assessment if whole else None
@@ -193,6 +204,25 @@ def _are_sheets(patches: Sequence[Patch], stack: LayerStack) -> bool:
         and np.array_equal(patch.vertices, sheet.vertices)
         for number, (patch, sheet) in enumerate(zip(patches, stack.sheets))
     )
+
+
+def _one_sided(assessment: Assessment) -> bool:
+    """Tell whether all is printed from outside, clear of what the sheets before leave."""
+    return all(
+        (sheet.side == OUTSIDE).all() and sheet.outside.clear.mean() > 1 - UNCLEAR_SHARE
+        for sheet in assessment.sheets
+    )
+
+
+def _natural_order(patches: Sequence[Patch], stack: LayerStack) -> list[int]:
+    """Sheets from the inside out, or from the bottom up; in a sheet the lowest piece first."""
+
+    def key(node: int) -> tuple:
+        sheet = patches[node].layer
+        turn = sheet if stack.sheets[sheet].kind == "planar" else -sheet
+        return turn, round(float(patches[node].vertices[:, 2].min()), 6), node
+
+    return sorted(range(len(patches)), key=key)
 
 
 def _keys(patches: Sequence[Patch], stack: LayerStack) -> list[tuple]:
@@ -226,6 +256,7 @@ class _Graph:
         tool: ToolShape,
         settings: PrintabilitySettings,
         material: Material | None = None,
+        block: bool = True,
     ) -> _Graph:
         count = len(patches)
         if material is None:
@@ -235,7 +266,9 @@ class _Graph:
         support = find_support(
             samples, count, material, owner, surroundings, cell.placement.plate_z_mm
         )
-        blocked = find_blocking(samples, samples, count, tool, settings.clearance_mm)
+        blocked = np.zeros((count, count))
+        if block:
+            blocked = find_blocking(samples, samples, count, tool, settings.clearance_mm)
         return cls(tuple(patches), material, samples, support, blocked)
 
     @property
