@@ -382,7 +382,10 @@ def _prove(
             gap = np.full(len(tips), np.inf)
             for field, shape in fields:
                 gap = np.minimum(
-                    gap, field.clearance(shape, tips, axes, settings.clearance_mm + 0.3)
+                    gap,
+                    field.clearance(
+                        shape, tips, axes, settings.clearance_mm, settings.clearance_mm
+                    ),
                 )
             return gap
 

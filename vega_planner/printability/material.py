@@ -55,7 +55,12 @@ class DistanceField:
         return np.where(beyond > 0, np.hypot(np.maximum(value, 0.0), beyond), value)
 
     def clearance(
-        self, tool: ToolShape, tips: Floats, axes: Floats, enough_mm: float = 1.0
+        self,
+        tool: ToolShape,
+        tips: Floats,
+        axes: Floats,
+        enough_mm: float = 1.0,
+        give_up_mm: float = -np.inf,
     ) -> Floats:
         """Measure how far a tool stays clear of the solid.
 
@@ -64,6 +69,7 @@ class DistanceField:
             tips: Tips [mm], shape (n, 3).
             axes: Unit vectors from the tip back along the tool, shape (n, 3).
             enough_mm: Clearance beyond which the exact value does not matter.
+            give_up_mm: Clearance below which the exact value does not matter.
 
         Returns:
             Clearances [mm], negative where the tool is inside, shape (n,).
@@ -74,7 +80,8 @@ class DistanceField:
         tool_clearance(
             np.ascontiguousarray(tips), np.ascontiguousarray(axes), self.values, self.origin,
             1.0 / self.spacing, tool.start_mm, STEP_MM, tool.inscribed,
-            tool.reach, tool.rim_at, tool.rim_radius, enough_mm, out,
+            tool.reach, tool.rim_at, tool.rim_radius, enough_mm, give_up_mm,
+            out,
         )  # fmt: skip
         return out
 
