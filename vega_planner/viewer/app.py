@@ -69,7 +69,7 @@ class Viewer:
         self._reasons: tuple[Ints, ...] = ()
         self._base = target.settings
         self._settings_file = target.settings_file
-        self._source = target.path
+        self._source = target.path / "part.ply" if target.is_result else target.path
         self._time_s = 0.0
         self._visible: set[int] = set()
         self._remark = ""
@@ -164,10 +164,9 @@ class Viewer:
             controls.pointed.content = "Click on a layer to ask why it cannot be printed."
             controls.show_part.value = not result.sheets
             if result.timeline is not None:
-                duration = round(max(result.timeline.duration_s, 0.1), 1)
-                self._time_s = duration
-                controls.time.max = duration
-                controls.time.value = duration
+                self._time_s = result.timeline.duration_s
+                controls.time.max = max(np.ceil(10 * self._time_s) / 10, 0.1)
+                controls.time.value = controls.time.max
                 controls.time.disabled = controls.play.disabled = False
             self._refresh()
 
@@ -265,10 +264,10 @@ class Viewer:
         for handle in (controls.cut, controls.detail):
             self._by_person(handle, self._locked(self._redraw))
         self._by_person(controls.colouring, self._locked(self._redraw))
-        self._by_person(controls.specs, self._specs_typed)
         self._by_person(controls.preview, self._region_changed)
         self._by_person(controls.out, self._show_command)
         for button, action in (
+            (controls.use_specs, self._use_specs),
             (controls.clear, self._clear_region),
             (controls.plan, self.start_plan),
             (controls.print, self.start_print),
@@ -355,7 +354,7 @@ class Viewer:
             words = found.text.replace("**", "")
             client.scene.add_label("/pointed", words, position=mm_to_m(np.array(found.point)))
 
-    def _specs_typed(self) -> None:
+    def _use_specs(self) -> None:
         if self.picks is not None:
             with self._lock:
                 self.picks.set_specs(tuple(self.controls.specs.value.split()))
