@@ -36,6 +36,8 @@ from vega_planner.viewer.words import moment_text, result_text, status_text
 
 #: How often playback and the print's progress are shown [s].
 TICK_S = 0.1
+#: The robot is drawn this long after the part [s].
+ROBOT_AFTER_S = 1.5
 #: States of a print during which its progress leads the picture.
 RUNNING = ("printing", "pausing", "paused", "stopping")
 
@@ -231,8 +233,9 @@ class Viewer:
             self.stage.set_visible(controls.show_part.value, controls.show_region.value)
 
     def _load_robot(self) -> None:
+        # The part comes first: what the robot needs to be read would hold its picture up.
+        self._closing.wait(ROBOT_AFTER_S)
         from vega_planner.robot.description import load_description
-        from vega_planner.robot.workcell import load_cell
 
         result, name = self.result, self._base.cell.robot
         try:
@@ -240,6 +243,8 @@ class Viewer:
                 name = str(result.summary.get("robot", name))
                 T_base_part = result.T_base_part
             else:
+                from vega_planner.robot.workcell import load_cell
+
                 cell = load_cell(self._base.cell, self.part)
                 T_base_part = cell.placement.T_base_part
             model = read_robot_model(load_description(name).urdf)
