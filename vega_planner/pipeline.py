@@ -68,6 +68,7 @@ def plan(
     from vega_planner.printability.collisions import certificate, check_toolpaths
     from vega_planner.robot import load_cell
     from vega_planner.splitting import split_layers
+    from vega_planner.substrate import stand_on_substrate
     from vega_planner.toolpaths import lay_toolpaths
     from vega_planner.toolpaths.coverage import measure_coverage
     from vega_planner.trajectory import make_trajectory
@@ -80,7 +81,7 @@ def plan(
             part = load_part(part, settings.part, tell)
         part = _compensated(part, settings)
     with stages.enter("cell"):
-        cell = load_cell(settings.cell, part)
+        cell = stand_on_substrate(load_cell(settings.cell, part), part)
     with stages.enter("layers") as tell:
         stack = generate_layers(
             part, settings.layers, tell, edge_angle_deg=settings.part.edge_angle_deg
@@ -98,7 +99,9 @@ def plan(
     with stages.enter("checks") as tell:
         check = check_toolpaths(toolpaths, order.patches, stack, cell, settings.printability, tell)
         proof = certificate(part, settings, cell, toolpaths, trajectory, check)
-        coverage = measure_coverage(toolpaths, stack)
+        coverage = measure_coverage(
+            order.patches, toolpaths, stack, settings.toolpaths.width_mm
+        )
     return PrintPlan(
         settings=settings,
         part=part,
