@@ -24,6 +24,15 @@ ORDER = (
     "driver",
     "viewer",
 )
+    "layers",
+    "printability",
+    "toolpaths",
+    "trajectory",
+    "whole",
+    "fidelity",
+    "driver",
+    "viewer",
+)
 
 
 def main(names: list[str]) -> int:

@@ -13,6 +13,7 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -27,7 +28,7 @@ SLICER = (
     "--export-gcode --layer-height 0.8 --first-layer-height 0.8 --nozzle-diameter 1.2 "
     "--extrusion-width 1.2 --perimeters 1 --fill-density 100% --fill-pattern concentric "
     "--top-solid-layers 0 --bottom-solid-layers 0 --filament-diameter 1.75 --loglevel 1"
-).split()
+)
 
 
 def dome(faces: int) -> tuple[np.ndarray, np.ndarray]:
@@ -78,14 +79,14 @@ def main() -> int:
         for name, mesh in (("dome 40 mm, 6k", dome(6000)), ("lobed 50 mm, 70k", lobed(70000))):
             stl = Path(folder) / "part.stl"
             write_stl(stl, *mesh)
-            row: dict[str, object] = {"triangles": len(mesh[1])}
+            row: dict[str, Any] = {"triangles": len(mesh[1])}
             for command in ("plan", "slice"):
                 row[command] = median(
                     [str(VEGA), command, str(stl), "-o", f"{folder}/out", "--brr", "down", "-q"]
                 )
             if slicer:
                 row["prusa-slicer"] = median(
-                    [slicer, *SLICER, "-o", f"{folder}/a.gcode", str(stl)]
+                    [slicer, *SLICER.split(), "-o", f"{folder}/a.gcode", str(stl)]
                 )
                 row["plan / prusa-slicer"] = round(
                     row["plan"]["seconds"] / row["prusa-slicer"]["seconds"],
