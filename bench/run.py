@@ -24,15 +24,6 @@ ORDER = (
     "driver",
     "viewer",
 )
-    "layers",
-    "printability",
-    "toolpaths",
-    "trajectory",
-    "whole",
-    "fidelity",
-    "driver",
-    "viewer",
-)
 
 
 def main(names: list[str]) -> int:
