@@ -652,6 +652,7 @@ def split_quads(
     position,
     vertex_level,
     vertex_slot,
+    inward,
     quads,
     first,
     last,
@@ -663,14 +664,18 @@ def split_quads(
     for q in range(first, last):
         a, b, c, e = quads[q, 0], quads[q, 1], quads[q, 2], quads[q, 3]
         r = r0 + t * vertex_level[a]
-        gap = 0.0
-        first_length, second_length = 0.0, 0.0
+        bulge_ac, bulge_be = 0.0, 0.0
+        ab, bc, ce, ea = 0.0, 0.0, 0.0, 0.0
         for x in range(3):
-            gap += (position[a, x] + position[c, x] - position[b, x] - position[e, x]) ** 2
-            first_length += (position[a, x] - position[c, x]) ** 2
-            second_length += (position[b, x] - position[e, x]) ** 2
-        along = first_length <= second_length
-        if gap > 1.6e-5:
+            bulge_ac += (position[c, x] - position[a, x]) * (inward[c, x] - inward[a, x])
+            bulge_be += (position[e, x] - position[b, x]) * (inward[e, x] - inward[b, x])
+            ab += inward[a, x] * inward[b, x]
+            bc += inward[b, x] * inward[c, x]
+            ce += inward[c, x] * inward[e, x]
+            ea += inward[e, x] * inward[a, x]
+        turn = min(ab, bc, ce, ea)
+        along = abs(bulge_ac) <= abs(bulge_be)
+        if turn < 0.9:
             _, d2, _, _, _ = walk(
                 tri, corner, ring_start, ring, vertex_slot[a],
                 0.5 * (position[a, 0] + position[c, 0]),

@@ -283,12 +283,21 @@ def nearest_many(tri, box, points, first, last, slot, distance, foot):
 def walk(tri, corner, ring_start, ring, s, x, y, z):
     """Step from triangle to adjoining triangle while the distance falls.
 
+    A triangle that has the nearest point in its interior is taken at once.
+
     Returns:
         Slot and squared distance of a local minimum, and the nearest point on it.
     """
     least, qx, qy, qz = closest(tri, s, x, y, z)
     while True:
         here = s
+        off = (
+            tri[s, 9] * (x - tri[s, 0])
+            + tri[s, 10] * (y - tri[s, 1])
+            + tri[s, 11] * (z - tri[s, 2])
+        )
+        if off * off > least * (1.0 - 1e-10):
+            return s, least, qx, qy, qz
         for c in range(3):
             v = corner[here, c]
             for j in range(ring_start[v], ring_start[v + 1]):
@@ -313,11 +322,17 @@ def walk(tri, corner, ring_start, ring, s, x, y, z):
 
 @njit(nogil=True, cache=True)
 def nearest_or_walk(tri, corner, ring_start, ring, box, x, y, z, hint, stack, lower):
-    """Find the nearest triangle, or without a tree the nearest one in walking reach."""
+    """Find the nearest triangle to 1e-3 mm, or without a tree what walking reaches."""
+    s, d2, _, _, _ = walk(tri, corner, ring_start, ring, hint, x, y, z)
     if len(box) == 0:
-        s, d2, _, _, _ = walk(tri, corner, ring_start, ring, hint, x, y, z)
         return s, d2
-    return nearest(tri, box, x, y, z, hint, 1e300, stack, lower)
+    # Deep inside, a great many triangles are almost as near as the nearest; they are
+    # not worth the search.
+    bound = max(np.sqrt(d2) - 1e-3, 0.0)
+    q, e2 = nearest(tri, box, x, y, z, -1, bound * bound, stack, lower)
+    if q < 0:
+        return s, d2
+    return q, e2
 
 
 @njit(nogil=True, cache=True)
