@@ -10,22 +10,28 @@ import numpy as np
 
 from vega_planner.datatypes import Bools, Floats, Ints
 
-#: Resolution to which times [s] and positions [m, rad] count: that of `trajectory.csv`.
+#: Resolution to which numbers count (SI): that of the result folder's tables.
 PER_UNIT = 1e9
 
 
 def job_digest(
-    joint_names: Sequence[str], times: Floats, positions: Floats, extrude: Bools, path_id: Ints
+    joint_names: Sequence[str],
+    times: Floats,
+    positions: Floats,
+    velocities: Floats,
+    extrude: Bools,
+    path_id: Ints,
 ) -> str:
     """Hash what a machine will do: motion, deposition and passes.
 
-    Numbers count to the resolution of `trajectory.csv`, rounded as it is printed, so that
+    Numbers count to the resolution of `trajectory.csv`, rounded as they are printed, so that
     a job read from a result folder and the same job sent in a message have one hash.
 
     Args:
         joint_names: As in the URDF, length j.
         times: Times [s], shape (n,).
         positions: Joint positions [m, rad], shape (n, j).
+        velocities: Joint velocities [m/s, rad/s], shape (n, j).
         extrude: Whether the dispenser is on before each sample, shape (n,).
         path_id: Pass of each sample, shape (n,).
 
@@ -33,7 +39,7 @@ def job_digest(
         SHA-256 in hexadecimal digits.
     """
     digest = hashlib.sha256(",".join(joint_names).encode())
-    for values in (times, positions):
+    for values in (times, positions, velocities):
         digest.update(np.rint(np.asarray(values) * PER_UNIT).astype("<i8").tobytes())
     digest.update(np.asarray(extrude).astype("<i1").tobytes())
     digest.update(np.asarray(path_id).astype("<i8").tobytes())

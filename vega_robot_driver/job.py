@@ -75,11 +75,32 @@ class PrintJob:
 
     @cached_property
     def _hash(self) -> str:
-        return job_digest(self.joint_names, self.times, self.positions, self.extrude, self.path_id)
+        return job_digest(
+            self.joint_names,
+            self.times,
+            self.positions,
+            self.velocities,
+            self.extrude,
+            self.path_id,
+        )
 
     def digest(self) -> str:
         """Hash what the machine will do; see `job_digest`."""
         return self._hash
+
+    def extremes(self, dt: float) -> tuple[Floats, Floats, Floats, Floats]:
+        """Find what the curve between the samples asks of the joints, at full speed.
+
+        Args:
+            dt: Cycle time [s] at which the machine follows the curve.
+
+        Returns:
+            Lowest and highest positions, largest speeds and the times of these [s], each
+            of shape (j,).
+        """
+        from vega_robot_driver.kernels import curve_extremes
+
+        return curve_extremes(self.times, self.positions, self.velocities, dt)
 
     def intervals(self, *, lead_s: float = 0.0, lag_s: float = 0.0) -> Floats:
         """List when the dispenser is on.
@@ -159,7 +180,7 @@ def read_job(folder: str | Path) -> tuple[PrintJob, str]:
         joint_names=names,
         times=table["t_s"],
         positions=positions,
-        velocities=estimated_velocities(table["t_s"], positions),
+        velocities=_velocities(folder / "velocities.csv", names, positions.shape),
         extrude=table["extrude"] > 0.5,
         path_id=path_id,
         path_layer=_layers(folder / "toolpath.csv", int(path_id.max(initial=-1)) + 1),
@@ -177,6 +198,17 @@ def _table(path: Path) -> dict[str, Floats]:
     if values.shape[1:] != (len(names),) or len(values) < 2:
         raise InvalidInput(f"job table {path} has {values.shape} numbers for {len(names)} names")
     return {name: values[:, k].copy() for k, name in enumerate(names)}
+
+
+def _velocities(path: Path, names: tuple[str, ...], shape: tuple[int, ...]) -> Floats:
+    table = _table(path)
+    missing = [name for name in names if name not in table]
+    if missing:
+        raise InvalidInput(f"job table {path} has no column {missing[0]}")
+    velocities = np.column_stack([table[name] for name in names])
+    if velocities.shape != shape:
+        raise InvalidInput(f"job table {path} has {len(velocities)} rows; expected {shape[0]}")
+    return velocities
 
 
 def _layers(path: Path, paths: int) -> Ints:

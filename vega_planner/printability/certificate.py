@@ -64,6 +64,7 @@ def certificate(
             trajectory.joint_names,
             trajectory.times,
             trajectory.positions,
+            trajectory.velocities,
             trajectory.extrude,
             trajectory.path_id,
         ),

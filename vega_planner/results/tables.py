@@ -104,6 +104,17 @@ def trajectory_csv(trajectory: PrintTrajectory) -> bytes:
     return (",".join(names) + "\n").encode() + format_rows(rows, decimals)
 
 
+def velocities_csv(trajectory: PrintTrajectory) -> bytes:
+    """Print `velocities.csv`: time and joint velocities [m/s, rad/s], row by row as the above.
+
+    Between the rows of `trajectory.csv` a joint follows the cubic Hermite curve, which needs
+    them; a driver does not guess them.
+    """
+    header = ",".join(["t_s", *trajectory.joint_names]) + "\n"
+    rows = np.column_stack([trajectory.times, trajectory.velocities])
+    return header.encode() + format_rows(rows, [SI_DECIMALS] * rows.shape[1])
+
+
 def read_table(path: str | Path, columns: Sequence[str] | None = None) -> dict[str, Floats]:
     """Read a CSV table of numbers.
 

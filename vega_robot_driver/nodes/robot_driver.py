@@ -8,6 +8,7 @@ shows: when it dies, the process stops the machine by itself.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import threading
 import time
@@ -72,7 +73,7 @@ PARAMETERS: dict[str, tuple[Any, str]] = {
     "interface": ("", "Network interface of the bus; over the one in the machine file."),
     "state_folder": ("", "Where checkpoint and status are kept; default below ~/.ros/vega."),
     "realtime": (False, "Run a simulation at the pace of the clock."),
-    "time_scale": (100.0, "How much faster than the clock a simulation runs, if not realtime."),
+    "time_scale": (500.0, "How much faster than the clock a simulation runs, if not realtime."),
     "cycle_time": (0.002, "Cycle time of the axes [s]."),
     "ramp_time": (0.1, "Time from full speed along the path to standstill [s]."),
     "stale_time": (0.5, "Silence of this node after which the machine stops [s]."),
@@ -296,9 +297,18 @@ class RobotDriver(LifecycleNode):
             self.get_logger().error(str(error))
             error_to_msg(error, result)
             goal.abort()
+        except Exception as error:  # a bug must stop the machine and not look like success
+            self.get_logger().error(f"unexpected {type(error).__name__}: {error}")
+            self._stop_on_bug()
+            error_to_msg(VegaError(f"unexpected {type(error).__name__}: {error}"), result)
+            goal.abort()
         finally:
             self._executing.release()
         return result
+
+    def _stop_on_bug(self) -> None:
+        with contextlib.suppress(VegaError):
+            self._ask("stop")
 
     def _print(self, goal: ServerGoalHandle, result: ExecutePrint.Result) -> None:
         if self._link is None or self._link.status().state == "off":
