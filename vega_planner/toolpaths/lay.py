@@ -28,6 +28,7 @@ from vega_planner.toolpaths.linking import Pass, link_lines, link_loops
 from vega_planner.toolpaths.planar import concentric_lines, parallel_lines
 from vega_planner.toolpaths.polyline_kernels import resample
 from vega_planner.toolpaths.rim import Ground, ground_of
+from vega_planner.toolpaths.spiral import spiral_passes
 from vega_planner.toolpaths.surface import connect
 from vega_planner.toolpaths.travel import TravelPlanner
 from vega_planner.toolpaths.zigzag import zigzag_lines
@@ -70,7 +71,7 @@ def lay_toolpaths(
     ground = ground_of(_plate(cell), cell.substrate)
     skin = skin_overlap(patches, stack, settings.skin_overlap_ratio)
     work = list(enumerate(patches))
-    passes: list[list[Pass]] = []
+    passes: list[tuple[list[Pass], bool]] = []
     chunk = 8
     for start in range(0, len(work), chunk):
         report(Progress("toolpaths", 0.8 * start / max(len(work), 1), detail="passes"))
@@ -81,8 +82,11 @@ def lay_toolpaths(
             work[start : start + chunk],
         )
     report(Progress("toolpaths", 0.8, detail="travel"))
-    paths = _in_order(passes, patches, settings)
+    paths = _in_order([found for found, _ in passes], patches, settings)
     moves, warnings = _moves(paths, cell, report)
+    loops = sum(not nested for _, nested in passes)
+    if loops:
+        warnings += (f"{loops} patches are no single nest of loops: loops instead of a spiral",)
     return ToolpathSet(tuple(paths), tuple(moves), warnings)
 
 
@@ -143,7 +147,7 @@ def patch_passes(
     ground: Ground,
     overlap: float = 0.0,
     flow: float = 1.0,
-) -> list[Pass]:
+) -> tuple[list[Pass], bool]:
     """Lay the passes of one patch.
 
     Args:
@@ -156,7 +160,8 @@ def patch_passes(
         flow: Factor on the width of the strips they fill.
 
     Returns:
-        Passes, thinned out to the points the path needs.
+        Passes, thinned out to the points the path needs, and False where a spiral was
+        wanted but the loops are not nested, so that they stay loops.
     """
     thickness = float(np.median(patch.thickness))
     spacing = (1 - overlap) * fill_spacing(settings.width_mm, thickness)
@@ -164,6 +169,7 @@ def patch_passes(
     seam = math.radians(_SEAM_TURN_DEG * (index // 2))
     toward = np.array([math.cos(seam), math.sin(seam), 0.0])
     surface = connect(patch)
+    nested = True
     euclidean = settings.spacing == "euclidean"
     if flat and settings.pattern != "zigzag":
         lines = concentric_lines(surface, patch, spacing)
@@ -180,13 +186,19 @@ def patch_passes(
         found = link_lines(loops, lines, guides, spacing, longest, toward)
     else:
         lines, used = contour_lines(surface, patch, spacing, ground=ground, euclidean=euclidean)
-        found = link_loops([_scaled(line, flow) for line in lines], used, longest, toward)
+        lines = [_scaled(line, flow) for line in lines]
+        turns = None
+        if settings.pattern == "spiral":
+            turns = spiral_passes(lines, used, longest, toward)
+            nested = turns is not None
+        found = turns or link_loops(lines, used, longest, toward)
     cosine = math.cos(math.radians(TURN_DEG))
-    return [
+    thinned = [
         Pass(resample(item.rows, CHORD_MM, STEP_MM, cosine), item.closed)
         for item in found
         if len(item.rows) >= 2
     ]
+    return thinned, nested
 
 
 def _scaled(line: Line, flow: float) -> Line:
