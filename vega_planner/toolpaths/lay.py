@@ -28,6 +28,7 @@ from vega_planner.toolpaths.linking import Pass, link_lines, link_loops
 from vega_planner.toolpaths.planar import concentric_lines, parallel_lines
 from vega_planner.toolpaths.polyline_kernels import resample
 from vega_planner.toolpaths.rim import Ground, ground_of
+from vega_planner.toolpaths.smoothing_kernels import smooth_axes, without_crowding
 from vega_planner.toolpaths.spiral import spiral_passes
 from vega_planner.toolpaths.surface import connect
 from vega_planner.toolpaths.travel import TravelPlanner
@@ -39,6 +40,10 @@ if TYPE_CHECKING:
 #: Points of a pass: how far the path may leave the surface between them, how far apart
 #: they are at most, and how far the axis turns from one to the next at most.
 CHORD_MM, STEP_MM, TURN_DEG = 0.008, 1.0, 3.0
+
+#: Points of a line that are nearer than this are one; the nozzle's direction is averaged
+#: along the pass with this standard deviation.
+CROWDED_MM, CALM_MM = 0.03, 1.0
 
 #: The seam, where loops start, moves on by this from one patch to the next but one, so
 #: that seams do not pile up and the way to the next start stays short.
@@ -194,7 +199,7 @@ def patch_passes(
         found = turns or link_loops(lines, used, longest, toward)
     cosine = math.cos(math.radians(TURN_DEG))
     thinned = [
-        Pass(resample(item.rows, CHORD_MM, STEP_MM, cosine), item.closed)
+        Pass(resample(_calm(item), CHORD_MM, STEP_MM, cosine), item.closed)
         for item in found
         if len(item.rows) >= 2
     ]
@@ -208,6 +213,11 @@ def _scaled(line: Line, flow: float) -> Line:
     rows = line.rows.copy()
     rows[:, CELL] *= flow
     return replace(line, rows=rows)
+
+
+def _calm(item: Pass) -> Floats:
+    rows = without_crowding(item.rows, CROWDED_MM)
+    return smooth_axes(rows, AXIS.start, CALM_MM, item.closed)
 
 
 def _in_order(
