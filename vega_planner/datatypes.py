@@ -366,6 +366,8 @@ class PrintTrajectory:
         slow_ratio: Printed length on which the tip moves more than 1 % below the set
             speed, over the printed length.
         warnings: What a person should know.
+        dispensing: Times at which the dispenser is switched on and off [s], shape (k, 2):
+            the beads with the material's lead and lag.
     """
 
     joint_names: tuple[str, ...]
@@ -377,6 +379,7 @@ class PrintTrajectory:
     T_base_part: Floats
     slow_ratio: float = 0.0
     warnings: tuple[str, ...] = ()
+    dispensing: Floats = field(default_factory=lambda: np.zeros((0, 2)))
 
     def __post_init__(self) -> None:
         count, joints = len(self.times), len(self.joint_names)
@@ -390,6 +393,7 @@ class PrintTrajectory:
             ("extrude", np.bool_, (count,)),
             ("path_id", np.int64, (count,)),
             ("T_base_part", np.float64, (4, 4)),
+            ("dispensing", np.float64, (None, 2)),
         ):
             object.__setattr__(self, name, frozen_array(name, getattr(self, name), dtype, shape))
 

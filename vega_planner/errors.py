@@ -120,3 +120,14 @@ class Faulted(DriverError):
     """A device is in its fault state."""
 
     code = 203
+
+
+def error_class(code: int) -> type[VegaError]:
+    """Find the class of an error code; `VegaError` itself for an unknown one."""
+    todo: list[type[VegaError]] = [VegaError]
+    while todo:
+        kind = todo.pop()
+        if kind.code == code:
+            return kind
+        todo.extend(kind.__subclasses__())
+    return VegaError

@@ -18,6 +18,7 @@ import numpy as np
 
 from vega_planner.datatypes import Bools, Floats, Ints, Layer, LayerStack, Part, face_cross
 from vega_planner.layers.transfer import restraint_disagreement, transfer_restraint
+from vega_planner.part.morton import morton_order
 from vega_planner.part.solid import checked, from_solid, to_tagged_solid
 from vega_planner.part.topology import compact
 from vega_planner.progress import Progress, Report, silent
@@ -147,7 +148,7 @@ def _buffer_pieces(
     sound = lengths > 1e-12
     corners = vertices[faces[free][sound]]
     normals = cross[sound] / lengths[sound, None]
-    order = _along_curve(corners.mean(1))
+    order = morton_order(corners.mean(1))
     for start in range(0, len(order), BATCH):
         hulls = [
             swept_triangle(corners[i], normals[i], ball * radius)
@@ -161,18 +162,6 @@ def _united(solids: list[manifold3d.Manifold]) -> manifold3d.Manifold:
         return solids[0]
     union = manifold3d.Manifold.batch_boolean(solids, manifold3d.OpType.Add)
     return checked(union, "uniting buffers")
-
-
-def _along_curve(points: Floats) -> Ints:
-    """Order points along Morton's curve, so that neighbours come together."""
-    low = points.min(0)
-    span = max(float(np.ptp(points, axis=0).max()), 1e-12)
-    cells = ((points - low) / span * 1023).astype(np.int64)
-    key = np.zeros(len(points), dtype=np.int64)
-    for bit in range(10):
-        for axis in range(3):
-            key |= ((cells[:, axis] >> bit) & 1) << (3 * bit + axis)
-    return np.argsort(key, kind="stable")
 
 
 def _tidied(vertices: Floats, faces: Ints, restrained: Bools) -> tuple[Floats, Ints, Bools]:

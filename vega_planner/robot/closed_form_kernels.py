@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
+# mypy: disable-error-code="no-untyped-def"
 """Compiled closed-form inverse kinematics of three linear and two rotary axes."""
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
+# mypy: disable-error-code="no-untyped-def"
 """Compiled kinematics of a serial chain: forward map, Jacobian, Levenberg-Marquardt.
 
 A chain of n joints is the tuple `(rotations (n, 3, 3), offsets (n, 3), axes (n, 3),

@@ -5,21 +5,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vega_planner.datatypes import Bools, Floats, Ints
 from vega_planner.robot import kernels
 from vega_planner.robot.chain import Chain, read_chain
 from vega_planner.robot.closed_form import ClosedForm
 from vega_planner.robot.description import load_description
-from vega_planner.robot.numeric import Numeric
+
+if TYPE_CHECKING:
+    from vega_planner.robot.numeric import Numeric
 
 #: Values of `Robot.reach_reason`.
 REACHED, OUT_OF_TRAVEL, WRIST_LIMIT = 0, 1, 2
-#: Configurations that `Robot.solve` offers per target on robots without a closed form.
-_NUMERIC_CANDIDATES = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +83,8 @@ class Robot:
     @cached_property
     def numeric(self) -> Numeric:
         """The numeric solver."""
+        from vega_planner.robot.numeric import Numeric
+
         return Numeric(self.chain)
 
     def forward(self, q: Floats) -> tuple[Floats, Floats]:
@@ -124,7 +126,7 @@ class Robot:
             axes: Unit vectors from the tip back along the nozzle, shape (n, 3).
         """
         if self.closed_form is not None:
-            return self.closed_form.solve(points, axes)[1].any(1)
+            return np.asarray(self.closed_form.solve(points, axes)[1].any(1))
         return self.numeric.solve(points, axes)[1]
 
     def reach_reason(self, points: Floats, axes: Floats) -> Ints:
@@ -136,10 +138,10 @@ class Robot:
         """
         if self.closed_form is not None:
             _, valid, wrist = self.closed_form.solve(points, axes)
-            reason = np.where(wrist.any(1), OUT_OF_TRAVEL, WRIST_LIMIT)
-            return np.where(valid.any(1), REACHED, reason)
+            missing = np.where(wrist.any(1), OUT_OF_TRAVEL, WRIST_LIMIT)
+            return np.where(valid.any(1), REACHED, missing)
         found = self.numeric.solve(points, axes)[1]
-        reason: NDArray[np.int64] = np.where(found, REACHED, OUT_OF_TRAVEL)
+        reason = np.where(found, REACHED, OUT_OF_TRAVEL)
         missed = np.flatnonzero(~found)
         if len(missed):
             reason[missed[self.numeric.point_reached(points[missed])]] = WRIST_LIMIT

@@ -55,7 +55,8 @@ class Tool:
         Returns:
             Radii [mm], 0 before the tip and behind the described body.
         """
-        return np.interp(distance, self.distance, self.radius, left=0.0, right=0.0)
+        radii = np.interp(distance, self.distance, self.radius, left=0.0, right=0.0)
+        return np.asarray(radii)
 
 
 def load_tool(spec: str) -> Tool:
