@@ -36,6 +36,8 @@ from vega_planner.viewer.words import moment_text, result_text, status_text
 
 #: How often playback and the print's progress are shown [s].
 TICK_S = 0.1
+#: The robot is drawn this long after the part [s].
+ROBOT_AFTER_S = 1.5
 #: States of a print during which its progress leads the picture.
 RUNNING = ("printing", "pausing", "paused", "stopping")
 
@@ -69,7 +71,7 @@ class Viewer:
         self._reasons: tuple[Ints, ...] = ()
         self._base = target.settings
         self._settings_file = target.settings_file
-        self._source = target.path
+        self._source = target.path / "part.ply" if target.is_result else target.path
         self._time_s = 0.0
         self._visible: set[int] = set()
         self._remark = ""
@@ -164,10 +166,9 @@ class Viewer:
             controls.pointed.content = "Click on a layer to ask why it cannot be printed."
             controls.show_part.value = not result.sheets
             if result.timeline is not None:
-                duration = round(max(result.timeline.duration_s, 0.1), 1)
-                self._time_s = duration
-                controls.time.max = duration
-                controls.time.value = duration
+                self._time_s = result.timeline.duration_s
+                controls.time.max = max(np.ceil(10 * self._time_s) / 10, 0.1)
+                controls.time.value = controls.time.max
                 controls.time.disabled = controls.play.disabled = False
             self._refresh()
 
@@ -232,8 +233,9 @@ class Viewer:
             self.stage.set_visible(controls.show_part.value, controls.show_region.value)
 
     def _load_robot(self) -> None:
+        # The part comes first: what the robot needs to be read would hold its picture up.
+        self._closing.wait(ROBOT_AFTER_S)
         from vega_planner.robot.description import load_description
-        from vega_planner.robot.workcell import load_cell
 
         result, name = self.result, self._base.cell.robot
         try:
@@ -241,6 +243,8 @@ class Viewer:
                 name = str(result.summary.get("robot", name))
                 T_base_part = result.T_base_part
             else:
+                from vega_planner.robot.workcell import load_cell
+
                 cell = load_cell(self._base.cell, self.part)
                 T_base_part = cell.placement.T_base_part
             model = read_robot_model(load_description(name).urdf)
@@ -265,10 +269,10 @@ class Viewer:
         for handle in (controls.cut, controls.detail):
             self._by_person(handle, self._locked(self._redraw))
         self._by_person(controls.colouring, self._locked(self._redraw))
-        self._by_person(controls.specs, self._specs_typed)
         self._by_person(controls.preview, self._region_changed)
         self._by_person(controls.out, self._show_command)
         for button, action in (
+            (controls.use_specs, self._use_specs),
             (controls.clear, self._clear_region),
             (controls.plan, self.start_plan),
             (controls.print, self.start_print),
@@ -355,7 +359,7 @@ class Viewer:
             words = found.text.replace("**", "")
             client.scene.add_label("/pointed", words, position=mm_to_m(np.array(found.point)))
 
-    def _specs_typed(self) -> None:
+    def _use_specs(self) -> None:
         if self.picks is not None:
             with self._lock:
                 self.picks.set_specs(tuple(self.controls.specs.value.split()))

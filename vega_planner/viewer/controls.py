@@ -28,7 +28,8 @@ class Controls:
             out: Result folder that is offered.
         """
         gui = server.gui
-        gui.configure_theme(control_layout="collapsible", show_logo=False, show_share_button=False)
+        gui.configure_theme(show_logo=False, show_share_button=False)
+        gui.main_panel.dock_right()
         self.status = gui.add_markdown("starting")
         self.bar = gui.add_progress_bar(0.0)
         self.plan = gui.add_button("Plan", icon="route", hint="Plan into the result folder.")
@@ -59,6 +60,7 @@ class Controls:
             "SPECs", "", hint="none, auto, down, normal:X,Y,Z[:DEG], point:X,Y,Z, faces:FILE, "
             "not:SPEC; several with blanks between.",
         )  # fmt: skip
+        self.use_specs = gui.add_button("Use these SPECs")
         self.clear = gui.add_button("Clear region")
         self.preview = gui.add_checkbox(
             "show resulting layers", False, hint="Work the layers out after each click."
