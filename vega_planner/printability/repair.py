@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from vega_planner.datatypes import Floats, LayerStack, Patch, ToolpathSet, Travel
+from vega_planner.datatypes import Bools, Floats, LayerStack, Patch, ToolpathSet, Travel
 from vega_planner.printability.collisions import (
     CollisionCheck,
     Surroundings,
@@ -31,6 +31,9 @@ RAMP_MM = 4.0
 
 #: Colliding waypoints nearer than this along a pass form one run [mm].
 JOIN_MM = 3.0
+
+#: Clearance a run is content with where the full one cannot be had [mm].
+ENOUGH_MM = 0.02
 
 #: Rounds of checking and turning.
 ROUNDS = 3
@@ -106,8 +109,11 @@ def _turned(
         first = around.first_of(int(path))
         along = _arc_length(line.points)
         axes = np.array(line.axes)
+        fixed = np.zeros(len(axes), np.bool_)
         for run in _runs(hit, along):
-            _turn_run(run, first, line.points, axes, along, around, tries, settings)
+            fixed[run] = True
+        for run in _runs(hit, along):
+            _turn_run(run, first, line.points, axes, along, fixed, around, tries, settings)
         if path < 0:
             travels[-1 - path] = replace(line, axes=axes)
         else:
@@ -134,36 +140,35 @@ def _turn_run(
     points: Floats,
     axes: Floats,
     along: Floats,
+    fixed: Bools,
     around: Surroundings,
     tries: Floats,
     settings: PrintabilitySettings,
 ) -> None:
     """Give a run the axis nearest to its own that is clear all along; halve it if none is."""
-    clear = np.ones(len(tries), np.bool_)
     check = around.at(first + int(run[-1]))
     few = run[:: max(1, len(run) // 40)]
-    for want in (settings.clearance_mm, 0.02):
-        clear[:] = True
-        for k in few:
-            todo = np.flatnonzero(clear)
-            tips = np.tile(points[k], (len(todo), 1))
-            free = np.full(len(todo), around.is_free(first + int(k)))
-            clear[todo] = check(tips, tries[todo], free) >= want
-            if not clear.any():
-                break
-        if clear.any():
-            break
+    least = np.full(len(tries), np.inf)
+    for k in few:
+        todo = np.flatnonzero(least >= ENOUGH_MM)
+        tips = np.tile(points[k], (len(todo), 1))
+        free = np.full(len(todo), around.is_free(first + int(k)))
+        least[todo] = np.minimum(least[todo], check(tips, tries[todo], free))
+    clear = least >= min(settings.clearance_mm, max(ENOUGH_MM, float(least.max())))
     if not clear.any():
         if len(run) > 1:
             middle = len(run) // 2
             for half in (run[:middle], run[middle:]):
-                _turn_run(half, first, points, axes, along, around, tries, settings)
-        return
+                _turn_run(half, first, points, axes, along, fixed, around, tries, settings)
+            return
+        clear = least >= least.max()
     mean = axes[run].sum(0)
     chosen = tries[np.flatnonzero(clear)[np.argmax(tries[clear] @ mean)]]
     before, after = along[run[0]] - along, along - along[run[-1]]
     away = np.maximum(np.maximum(before, after), 0.0)
     weight = np.clip(1.0 - away / RAMP_MM, 0.0, 1.0)
+    weight[fixed] = 0.0  # other runs keep what they are given
+    weight[run] = 1.0
     near = np.flatnonzero(weight > 0)
     blend = weight[near] * weight[near] * (3 - 2 * weight[near])
     axes[near] = _blended(axes[near], np.tile(chosen, (len(near), 1)), blend)
