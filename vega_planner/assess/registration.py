@@ -113,19 +113,18 @@ def register(
     report(Progress("registration", 0.1))
     if start is None:
         poses = _search(points, normals, target, surface, size, generator)
+        poses = np.concatenate([_as_it_lies(points, target), poses])
     else:
         poses = np.asarray(start, np.float64)[None]
     report(Progress("registration", 0.5))
     few = generator.permutation(len(points))[:_COARSE_POINTS]
     found = [_icp(pose, points[few], normals[few], surface, size, 25) for pose in poses]
     misfits = np.array([misfit for _, misfit in found])
-    best = int(np.argmin(misfits))
+    # A symmetric part stays as it lies where that fits as well.
+    best = int(np.argmax(misfits <= 1.03 * misfits.min()))
     report(Progress("registration", 0.8))
-    pose, _ = _icp(found[best][0], points, normals, surface, 0.3 * size, 20)
-    rivals = [
-        misfits[k] for k, (other, _) in enumerate(found) if _differ(other, found[best][0], size)
-    ]
-    rival = float(misfits[best] / max(min(rivals), 1e-12)) if rivals else 0.0
+    pose, _ = _icp(found[best][0], points, normals, surface, size, 20)
+    rival = _rival([pose for pose, _ in found], best, points[few], surface, size)
     result = _judge(pose, points, normals, surface, size, rival)
     if result.fit_ratio < LEAST_FIT or result.used_ratio < LEAST_USED:
         error = NotRegistered(
@@ -303,9 +302,7 @@ def _linearised(
     away = moved - found.feet
     direction = surface.normals[found.faces, 0]
     far = np.abs(found.signed) > 0.02 * limit
-    direction = np.where(
-        far[:, None], away / np.where(far, found.signed, 1.0)[:, None], direction
-    )
+    direction = np.where(far[:, None], away / np.where(far, found.signed, 1.0)[:, None], direction)
     residual = np.einsum("ij,ij->i", away, direction)
     agree = np.einsum("ij,ij->i", normals @ pose[:3, :3].T, direction) > 0.3
     inside = agree & (np.abs(found.signed) < limit)
@@ -326,6 +323,35 @@ def _rotation(turn: Floats) -> Floats:
     x, y, z = turn / angle
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+
+
+def _as_it_lies(points: Floats, target: TriangleGeometry) -> Floats:
+    """Two first guesses: the scan is in place, or only shifted."""
+    shifted = np.eye(4)
+    shifted[:3, 3] = sample_surface(target, 2000)[0].mean(0) - points.mean(0)
+    return np.array([np.eye(4), shifted])
+
+
+def _rival(
+    poses: list[Floats], best: int, points: Floats, surface: SurfaceDistance, size: float
+) -> float:
+    """Misfit of the best pose over that of the best different one, without clutter."""
+
+    def distances(pose: Floats) -> Floats:
+        moved = points @ pose[:3, :3].T + pose[:3, 3]
+        return np.abs(surface.query(moved, signed=False).signed)
+
+    limit = CLUTTER_RATIO * size
+    here = distances(poses[best])
+    used = here < limit
+    others = [
+        float(np.minimum(distances(pose)[used], limit).mean())
+        for pose in poses
+        if _differ(pose, poses[best], size)
+    ]
+    if not others or not used.any():
+        return 0.0
+    return min(float(here[used].mean()) / max(min(others), 1e-12), 1.0)
 
 
 def _judge(
