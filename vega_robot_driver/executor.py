@@ -121,7 +121,7 @@ class Executor:
         lag_s: float = 0.0,
         overlap_s: float = 0.0,
     ) -> None:
-        """Take a job, to be started by `run`.
+        """Take a job that `check_job` has passed, to be started by `run`.
 
         Args:
             job: The job.
@@ -135,13 +135,11 @@ class Executor:
         Raises:
             Busy: If a job runs.
             Refused: If the axes are not powered.
-            InvalidInput: If the job does not fit the machine.
         """
         if self.moving or self.state in ("printing", "pausing", "paused", "stopping"):
             raise Busy(f"job {self.digest[:12]} is {self.state}")
         if self.state in ("off", "fault"):
             raise Refused(f"the machine is {self.state} {self.detail}".rstrip())
-        self._check_job(job)
         join_u = max(start_u - overlap_s, 0.0)
         times, positions, velocities = _joined(job, join_u)
         route = [self.positions, *(() if waypoints is None else waypoints), positions[0]]
@@ -307,18 +305,31 @@ class Executor:
             return False
         return True
 
-    def _check_job(self, job: PrintJob) -> None:
+    def check_job(self, job: PrintJob) -> None:
+        """Check the whole of a job against the machine, before it moves.
+
+        Raises:
+            InvalidInput: If it has other joints, or leaves a limit anywhere.
+        """
         names, limits = self.motion.joint_names, self.limits
         if job.joint_names != names:
             raise InvalidInput(
                 f"the job moves {', '.join(job.joint_names)}; the machine has {', '.join(names)}"
             )
-        outside = (job.positions < limits.lower - 1e-9) | (job.positions > limits.upper + 1e-9)
+        lowest, highest, fastest, when = job.extremes(self.motion.dt)
+        outside = (lowest < limits.lower - 1e-9) | (highest > limits.upper + 1e-9)
         if outside.any():
-            row, k = np.argwhere(outside)[0]
+            k = int(np.argmax(outside))
             raise InvalidInput(
-                f"sample {row} of the job sends {names[k]} to {job.positions[row, k]:g}; "
+                f"the job sends {names[k]} to {lowest[k]:g} .. {highest[k]:g}; "
                 f"limits {limits.lower[k]:g} .. {limits.upper[k]:g}"
+            )
+        fast = fastest > limits.velocity * (1 + SPEED_MARGIN)
+        if fast.any():
+            k = int(np.argmax(fast))
+            raise InvalidInput(
+                f"the job moves {names[k]} at {fastest[k]:g} /s, {when[k]:.2f} s after its "
+                f"start; limit {limits.velocity[k]:g}"
             )
 
     # -- state --------------------------------------------------------------------------

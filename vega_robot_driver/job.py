@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,6 +13,7 @@ import numpy as np
 
 from vega_planner.datatypes import Bools, Floats, Ints, frozen_array
 from vega_planner.errors import CertificateMismatch, InvalidInput
+from vega_planner.job_digest import job_digest
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,20 +75,32 @@ class PrintJob:
 
     @cached_property
     def _hash(self) -> str:
-        digest = hashlib.sha256(",".join(self.joint_names).encode())
-        for values in (self.times, self.positions):
-            digest.update(np.rint(values * 1e9).astype("<i8").tobytes())
-        digest.update(self.extrude.astype("<i1").tobytes())
-        digest.update(self.path_id.astype("<i8").tobytes())
-        return digest.hexdigest()
+        return job_digest(
+            self.joint_names,
+            self.times,
+            self.positions,
+            self.velocities,
+            self.extrude,
+            self.path_id,
+        )
 
     def digest(self) -> str:
-        """Hash what the machine will do: times, positions, deposition and passes.
-
-        Numbers count to 1e-9, the resolution of `trajectory.csv`, so that a job read from
-        a result folder and the same job sent in a message have one hash.
-        """
+        """Hash what the machine will do; see `job_digest`."""
         return self._hash
+
+    def extremes(self, dt: float) -> tuple[Floats, Floats, Floats, Floats]:
+        """Find what the curve between the samples asks of the joints, at full speed.
+
+        Args:
+            dt: Cycle time [s] at which the machine follows the curve.
+
+        Returns:
+            Lowest and highest positions, largest speeds and the times of these [s], each
+            of shape (j,).
+        """
+        from vega_robot_driver.kernels import curve_extremes
+
+        return curve_extremes(self.times, self.positions, self.velocities, dt)
 
     def intervals(self, *, lead_s: float = 0.0, lag_s: float = 0.0) -> Floats:
         """List when the dispenser is on.
@@ -168,7 +180,7 @@ def read_job(folder: str | Path) -> tuple[PrintJob, str]:
         joint_names=names,
         times=table["t_s"],
         positions=positions,
-        velocities=estimated_velocities(table["t_s"], positions),
+        velocities=_velocities(folder / "velocities.csv", names, positions.shape),
         extrude=table["extrude"] > 0.5,
         path_id=path_id,
         path_layer=_layers(folder / "toolpath.csv", int(path_id.max(initial=-1)) + 1),
@@ -188,6 +200,17 @@ def _table(path: Path) -> dict[str, Floats]:
     return {name: values[:, k].copy() for k, name in enumerate(names)}
 
 
+def _velocities(path: Path, names: tuple[str, ...], shape: tuple[int, ...]) -> Floats:
+    table = _table(path)
+    missing = [name for name in names if name not in table]
+    if missing:
+        raise InvalidInput(f"job table {path} has no column {missing[0]}")
+    velocities = np.column_stack([table[name] for name in names])
+    if velocities.shape != shape:
+        raise InvalidInput(f"job table {path} has {len(velocities)} rows; expected {shape[0]}")
+    return velocities
+
+
 def _layers(path: Path, paths: int) -> Ints:
     """Read which layer each pass belongs to, where the folder says so."""
     if not path.is_file():
@@ -200,13 +223,12 @@ def _layers(path: Path, paths: int) -> Ints:
     return layers
 
 
-def check_certificate(job: PrintJob, text: str, trajectory_csv: bytes | None = None) -> None:
+def check_certificate(job: PrintJob, text: str) -> None:
     """Refuse a job whose certificate is missing or belongs to another job.
 
     Args:
         job: The job.
         text: Content of its `certificate.json`.
-        trajectory_csv: Bytes of the result folder's `trajectory.csv`, where it came from one.
 
     Raises:
         CertificateMismatch: Saying what does not match.
@@ -215,10 +237,10 @@ def check_certificate(job: PrintJob, text: str, trajectory_csv: bytes | None = N
         raise CertificateMismatch("the job carries no certificate (certificate.json of its plan)")
     try:
         certificate: dict[str, Any] = json.loads(text)
-        expected = str(certificate["trajectory"])
+        expected = str(certificate["sha256"]["job"])
     except (ValueError, KeyError, TypeError) as error:
         raise CertificateMismatch(f"the certificate cannot be read: {error}") from error
     if job.digest() != expected:
         raise CertificateMismatch(
-            f"the certificate is for trajectory {expected[:12]}, the job is {job.digest()[:12]}"
+            f"the certificate is for job {expected[:12]}, this is job {job.digest()[:12]}"
         )

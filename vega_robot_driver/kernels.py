@@ -96,6 +96,27 @@ def follow(
 
 
 @njit(nogil=True, cache=True)
+def curve_extremes(times, positions, velocities, dt):
+    """Find lowest and highest position, largest speed and its time, of each joint."""
+    joints = positions.shape[1]
+    low, high = positions[0].copy(), positions[0].copy()
+    fast, when = np.zeros(joints), np.zeros(joints)
+    place, speed = np.empty(joints), np.empty(joints)
+    for i in range(times.shape[0] - 1):
+        h = times[i + 1] - times[i]
+        count = max(2, int(np.ceil(h / dt)))
+        for c in range(count + 1):
+            u = times[i] + h * c / count
+            hermite(times, positions, velocities, u, i, place, speed)
+            for k in range(joints):
+                low[k] = min(low[k], place[k])
+                high[k] = max(high[k], place[k])
+                if abs(speed[k]) > fast[k]:
+                    fast[k], when[k] = abs(speed[k]), u
+    return low, high, fast, when
+
+
+@njit(nogil=True, cache=True)
 def move_axes(position, speed, targets, speeds, bandwidth, damping, forward, limits, dt, steps):
     """Let axes follow their targets: second-order lag within speed and acceleration limits.
 

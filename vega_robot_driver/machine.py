@@ -46,7 +46,7 @@ class Machine:
     velocity: tuple[float, ...]
     start: tuple[float, ...]
     dt: float = 0.002
-    time_scale: float = 100.0
+    time_scale: float = 500.0
     ramp_s: float = 0.1
     stale_s: float = 0.5
     orphan_s: float = 30.0

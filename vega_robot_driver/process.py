@@ -83,10 +83,12 @@ class RealTimeLoop:
             wake = time.monotonic()
             while not self._ended:
                 wake = self._wait(wake + period, period, batched)
-                self._handle_requests()
+                answers = self._handle_requests()
                 self._watch_client()
                 executor.advance(cycles)
                 self._record()
+                for answer, value in answers:  # who got an answer finds its effect on the page
+                    answer.put(value)
         finally:
             self._close()
 
@@ -143,6 +145,7 @@ class RealTimeLoop:
             arrays["joint_names"] = tuple(str(name) for name in arrays["joint_names"])
             job = PrintJob(**arrays)
             job.digest()
+            executor.check_job(job)
             keys = ("start_u", "lead_s", "lag_s", "overlap_s")
             options = {key: float(request.get(key, 0.0)) for key in keys}
             return lambda: _done(lambda: executor.load(job, waypoints=way, **options))
@@ -208,18 +211,20 @@ class RealTimeLoop:
             raise InvalidInput(f"{self._machine.hardware} hardware takes no injected faults")
         inject(fault)
 
-    def _handle_requests(self) -> None:
+    def _handle_requests(self) -> list[tuple[queue.SimpleQueue, dict[str, Any]]]:
+        answers: list[tuple[queue.SimpleQueue, dict[str, Any]]] = []
         while True:
             try:
                 work, answer = self._requests.get_nowait()
             except queue.Empty:
-                return
+                return answers
             try:
-                answer.put(work())
+                answers.append((answer, work()))
             except VegaError as error:
-                answer.put({"error": str(error), "code": error.code})
+                answers.append((answer, {"error": str(error), "code": error.code}))
             except Exception as error:
-                answer.put({"error": f"{type(error).__name__}: {error}", "code": 99})
+                text = f"unexpected {type(error).__name__}: {error}"
+                answers.append((answer, {"error": text, "code": 99}))
 
     def _watch_client(self) -> None:
         executor, now = self._executor, time.monotonic()

@@ -85,6 +85,10 @@ class PlannerNode(Node):
             self.get_logger().error(str(error))
             goal.abort()
             return error_to_msg(error)
+        except Exception as error:  # a bug must not look like an empty plan
+            self.get_logger().error(f"unexpected {type(error).__name__}: {error}")
+            goal.abort()
+            return error_to_msg(VegaError(f"unexpected {type(error).__name__}: {error}"))
         self._shown = outcome.markers
         self._frames.publish(outcome.trajectory.T_base_part)
         self._publish()

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vega_planner.datatypes import Floats, Ints, face_cross
+from vega_planner.datatypes import Floats, Ints
 from vega_planner.errors import BadMesh
 from vega_planner.part.overlap import overlap_depth
 from vega_planner.part.topology import (
@@ -147,7 +147,7 @@ def _unpinched(vertices: Floats, faces: Ints) -> tuple[Floats, Ints] | None:
 
 def _settled(vertices: Floats, faces: Ints, remarks: list[str]) -> tuple[Floats, Ints]:
     """Turn a single body outward; let several be sorted out."""
-    if (body_labels(faces) == 0).all() and enclosed_volume(vertices, faces) > 0:
+    if not body_labels(faces).any():
         size = float(np.ptp(vertices, axis=0).max())
         if enclosed_volume(vertices, faces) > 1e-12 * size**3:
             return vertices, faces
@@ -161,9 +161,9 @@ def _settled(vertices: Floats, faces: Ints, remarks: list[str]) -> tuple[Floats,
 def _without_slivers(vertices: Floats, faces: Ints, remarks: list[str]) -> tuple[Floats, Ints]:
     """Collapse triangles that have no height."""
     tolerance = SLIVER_SHARE * float(np.ptp(vertices, axis=0).max())
-    corners = vertices[faces]
-    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(1)
-    flat = np.linalg.norm(face_cross(vertices, faces), axis=1) <= tolerance * longest
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    longest2 = np.maximum(np.maximum(_length2(b - a), _length2(c - b)), _length2(a - c))
+    flat = _length2(np.cross(b - a, c - a)) <= tolerance**2 * longest2
     if not flat.any():
         return vertices, faces
     from vega_planner.part.solid import checked, from_solid, to_solid
@@ -177,6 +177,10 @@ def _without_slivers(vertices: Floats, faces: Ints, remarks: list[str]) -> tuple
         f"{10 * tolerance:.2g} mm"
     )
     return new_vertices, new_faces
+
+
+def _length2(vectors: Floats) -> Floats:
+    return np.einsum("ij,ij->i", vectors, vectors)
 
 
 def _remeshed(

@@ -16,19 +16,14 @@ import numpy as np
 from vega_planner.datatypes import Bools, Floats, TriangleGeometry
 from vega_planner.errors import BadRestraint
 from vega_planner.part.automatic import propose_restraint
-from vega_planner.part.regions import grow_region, smooth_regions, squared_distances
+from vega_planner.part.regions import smooth_regions, squared_distances
+from vega_planner.part.standing import standing_faces
 from vega_planner.settings import PartSettings
 
 SPECS = (
     "none, auto, down, normal:X,Y,Z[:DEG], point:X,Y,Z (region round the nearest face), "
     "faces:FILE (face indices of part.ply), not:SPEC"
 )
-
-#: Faces whose corners are all this near z = 0 [mm] rest on the plate: a tenth of a
-#: common dispensing standoff, above the noise of meshes stored in single precision.
-RESTING_MM = 0.02
-#: How far a resting face may lean [deg]; long thin slivers of flat bases do.
-RESTING_ANGLE_DEG = 5.0
 
 
 def choose_restraint(
@@ -91,30 +86,6 @@ def _select(
     if not faces.any():
         raise BadRestraint(f"restraint '{spec}' selects no face: {advice}")
     return faces
-
-
-def standing_faces(mesh: TriangleGeometry, settings: PartSettings) -> Bools:
-    """Find what the part stands on.
-
-    That is its flat faces on z = 0; where it has none, the smooth region round its
-    lowest points as far as it looks down within θ_edge.
-
-    Args:
-        mesh: Closed, oriented mesh placed on z = 0.
-        settings: For θ_edge and the angle of smooth regions.
-
-    Returns:
-        True for the faces, shape (m,); none when the part stands on a sharp edge.
-    """
-    heights = mesh.vertices[mesh.faces][:, :, 2]
-    down = -mesh.face_normals[:, 2]
-    resting = (heights.max(1) <= RESTING_MM) & (down >= np.cos(np.radians(RESTING_ANGLE_DEG)))
-    if mesh.face_areas[resting].sum() >= RESTING_MM:
-        return resting
-    allowed = down >= np.cos(np.radians(settings.edge_angle_deg))
-    return grow_region(
-        mesh, heights.min(1) <= RESTING_MM, allowed, max(settings.smooth_angle_deg, 1e-3)
-    )
 
 
 def _facing(mesh: TriangleGeometry, spec: str, rest: str, default_deg: float) -> Bools:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vega_planner.datatypes import Part, PrintTrajectory, ToolpathSet
+from vega_planner.job_digest import job_digest
 from vega_planner.settings import as_dict
 
 if TYPE_CHECKING:
@@ -59,6 +60,14 @@ def certificate(
         ),
         "toolpath": toolpath_digest(toolpaths),
         "trajectory": trajectory_digest(trajectory),
+        "job": job_digest(
+            trajectory.joint_names,
+            trajectory.times,
+            trajectory.positions,
+            trajectory.velocities,
+            trajectory.extrude,
+            trajectory.path_id,
+        ),
     }
     outcome = check.summary()
     return {

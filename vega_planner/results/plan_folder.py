@@ -13,7 +13,7 @@ from vega_planner.datatypes import Ints, Layer, Part, Patch
 from vega_planner.results.folder import write_folder
 from vega_planner.results.ply import mesh_ply
 from vega_planner.results.summary import summary_json
-from vega_planner.results.tables import toolpath_csv, trajectory_csv
+from vega_planner.results.tables import toolpath_csv, trajectory_csv, velocities_csv
 
 if TYPE_CHECKING:
     from vega_planner.pipeline import PrintPlan
@@ -54,6 +54,7 @@ def write_plan(plan: PrintPlan, folder: str | Path) -> Path:
         files[f"patches/patch_{index:03d}.ply"] = _patch_ply(patch)
     files["toolpath.csv"] = toolpath_csv(plan.toolpaths)
     files["trajectory.csv"] = trajectory_csv(plan.trajectory)
+    files["velocities.csv"] = velocities_csv(plan.trajectory)
     files["certificate.json"] = _json(plan.certificate)
     files["summary.json"] = summary_json(plan.summary)
     files["plan.html"] = plan_page(plan)

@@ -63,6 +63,8 @@ def toolpath_rows(toolpaths: ToolpathSet) -> Floats:
     of the pass they lead to; the first row of each pass has extrude 0, since a bead
     ends at the row that says so.
     """
+    if not toolpaths.passes:
+        return np.zeros((0, len(TOOLPATH_COLUMNS)))
     blocks = []
     for index, move in enumerate(toolpaths.travels):
         path = toolpaths.passes[min(index, len(toolpaths.passes) - 1)]
@@ -102,6 +104,17 @@ def trajectory_csv(trajectory: PrintTrajectory) -> bytes:
     )
     decimals = [SI_DECIMALS] * (1 + len(trajectory.joint_names)) + [0, 0]
     return (",".join(names) + "\n").encode() + format_rows(rows, decimals)
+
+
+def velocities_csv(trajectory: PrintTrajectory) -> bytes:
+    """Print `velocities.csv`: time and joint velocities [m/s, rad/s], row by row as the above.
+
+    Between the rows of `trajectory.csv` a joint follows the cubic Hermite curve, which needs
+    them; a driver does not guess them.
+    """
+    header = ",".join(["t_s", *trajectory.joint_names]) + "\n"
+    rows = np.column_stack([trajectory.times, trajectory.velocities])
+    return header.encode() + format_rows(rows, [SI_DECIMALS] * rows.shape[1])
 
 
 def read_table(path: str | Path, columns: Sequence[str] | None = None) -> dict[str, Floats]:

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from vega_planner.datatypes import Bools, Floats, Ints, Patch
-from vega_planner.toolpaths.distance import from_rim, through_space_from_rim
+from vega_planner.toolpaths.distance import through_space_from_rim
 from vega_planner.toolpaths.isoline_kernels import area_above
 from vega_planner.toolpaths.isolines import (
     AXIS,
@@ -22,6 +22,7 @@ from vega_planner.toolpaths.isolines import (
     vertex_values,
 )
 from vega_planner.toolpaths.polyline_kernels import line_length, middle_line
+from vega_planner.toolpaths.rim import Ground, measure_rim
 from vega_planner.toolpaths.surface import Surface
 from vega_planner.toolpaths.topology_kernels import label_components
 
@@ -44,6 +45,8 @@ def fitted_spacing(depth: float, spacing: float) -> float:
     Returns:
         Spacing of which `depth` is a multiple, or `spacing` where none is near.
     """
+    if depth <= 0:
+        return spacing
     count = max(1, math.ceil(depth / (_WIDEST * spacing)))
     fitted = depth / count
     return fitted if fitted >= _CLOSEST * spacing else spacing
@@ -54,7 +57,7 @@ def contour_lines(
     patch: Patch,
     spacing: float,
     *,
-    bias: Floats | None = None,
+    ground: Ground | None = None,
     euclidean: bool = False,
 ) -> tuple[list[Line], float]:
     """Lay loops on a patch, from half a spacing inside the rim to its middle.
@@ -63,7 +66,7 @@ def contour_lines(
         surface: Connectivity of the patch.
         patch: The patch.
         spacing: Wanted spacing [mm].
-        bias: What the rim starts with [mm]; below zero the loops keep off the rim.
+        ground: What the rim may stand on; nothing when absent.
         euclidean: Measure the distance from the rim through space.
 
     Returns:
@@ -75,10 +78,10 @@ def contour_lines(
         field = off_levels(distance / spacing - 0.5)
         values = vertex_values(patch, spacing, distance)
         return isolines(surface, field, values, math.floor(field.max())), spacing
-    distance, _ = from_rim(surface, bias)
-    fitted = fitted_spacing(float(distance.max()), spacing)
-    field = off_levels(distance / fitted - 0.5)
-    values = vertex_values(patch, fitted, distance)
+    rim = measure_rim(surface, patch, spacing, ground)
+    fitted = fitted_spacing(rim.depth, spacing)
+    field = off_levels(rim.levels(fitted))
+    values = vertex_values(patch, rim.cells(fitted), rim.distance)
     lines = isolines(surface, field, values, math.floor(field.max()))
     return _fill_middles(surface, field, values, lines, fitted), fitted
 

@@ -32,7 +32,7 @@ def edge_update(V, c, a, b, d, g, out):
         b: Second end.
         d: Distances, shape (n,).
         g: Gradients, shape (n, 3).
-        out: Receives the gradient at c, shape (3,).
+        out: Receives the gradient at c and the place on the edge, shape (4,).
 
     Returns:
         The distance at c.
@@ -107,6 +107,7 @@ def edge_update(V, c, a, b, d, g, out):
         out[0] = fx / rho
         out[1] = fy / rho
         out[2] = fz / rho
+    out[3] = where
     return best
 
 
@@ -122,11 +123,12 @@ def _vertex_update(V, c, a, d, g, out):
     out[0] = px / length
     out[1] = py / length
     out[2] = pz / length
+    out[3] = 0.0
     return d[a] + length
 
 
 @njit(nogil=True, cache=True)
-def march(V, F, offsets, star, d, g, fixed, limit):
+def march(V, F, offsets, star, d, g, carried, fixed, limit):
     """Extend distances from the vertices that have one to all that can be reached.
 
     Args:
@@ -136,7 +138,9 @@ def march(V, F, offsets, star, d, g, fixed, limit):
         star: Faces of the vertex stars.
         d: Distances, shape (n,): FAR where unknown; overwritten.
         g: Gradients, shape (n, 3); overwritten.
-        fixed: True where d and g are given and stay.
+        carried: What each vertex has from the place its distance starts at, shape
+            (n, c); overwritten.
+        fixed: True where d, g and what is carried are given and stay.
         limit: Distances above it are left as they are.
 
     Returns:
@@ -146,7 +150,7 @@ def march(V, F, offsets, star, d, g, fixed, limit):
     done = np.zeros(count, np.bool_)
     order = np.empty(count, np.int64)
     reached = 0
-    out = np.zeros(3)
+    out = np.zeros(4)
     heap = [(0.0, np.int64(0))]
     heap.pop()
     for v in range(count):
@@ -183,10 +187,13 @@ def march(V, F, offsets, star, d, g, fixed, limit):
                     d[p] = new
                     for m in range(3):
                         g[p, m] = out[m]
+                    for m in range(carried.shape[1]):
+                        carried[p, m] = (1.0 - out[3]) * carried[a, m] + out[3] * carried[o, m]
                     heapq.heappush(heap, (new, p))
     # One sweep in the order of arrival: now both ends of every edge are known, which
     # mends vertices that an obtuse triangle let the front reach too late.
-    best_g = np.zeros(3)
+    best_g = np.zeros(4)
+    left = right = 0
     for q in range(reached):
         p = order[q]
         if fixed[p]:
@@ -206,10 +213,16 @@ def march(V, F, offsets, star, d, g, fixed, limit):
             new = edge_update(V, p, b, c, d, g, out)
             if new < best:
                 best = new
-                for m in range(3):
+                left = b
+                right = c
+                for m in range(4):
                     best_g[m] = out[m]
         if best < FAR:
             d[p] = best
+            for m in range(carried.shape[1]):
+                carried[p, m] = (1.0 - best_g[3]) * carried[left, m] + best_g[3] * carried[
+                    right, m
+                ]
             for m in range(3):
                 g[p, m] = best_g[m]
     return order[:reached].copy()
@@ -233,7 +246,7 @@ def _to_segment(p, a, b, foot):
 
 
 @njit(nogil=True, cache=True)
-def start_at_rim(V, F, offsets, star, rim, bias, d, g, fixed):
+def start_at_rim(V, F, offsets, star, rim, d, g, carried, fixed):
     """Set distance and gradient at the vertices next to the rim.
 
     Args:
@@ -242,10 +255,9 @@ def start_at_rim(V, F, offsets, star, rim, bias, d, g, fixed):
         offsets: Offsets of the vertex stars.
         star: Faces of the vertex stars.
         rim: Rim edges, shape (r, 2), running as their face does.
-        bias: What the rim vertices start with, shape (n,); below zero moves every
-            front inwards there.
         d: Distances, FAR everywhere; overwritten.
         g: Gradients; overwritten.
+        carried: What the rim vertices carry, shape (n, c); overwritten next to the rim.
         fixed: False everywhere; overwritten.
     """
     count = V.shape[0]
@@ -258,7 +270,7 @@ def start_at_rim(V, F, offsets, star, rim, bias, d, g, fixed):
     for e in range(rim.shape[0]):
         for k in range(2):
             v = rim[e, k]
-            d[v] = bias[v]
+            d[v] = 0.0
             fixed[v] = True
     # inward direction in the surface at the rim vertices
     for e in range(rim.shape[0]):
@@ -300,10 +312,11 @@ def start_at_rim(V, F, offsets, star, rim, bias, d, g, fixed):
                         if b < 0:
                             break
                         x, w = _to_segment(V[v], V[a], V[b], foot)
-                        value = x + (1.0 - w) * bias[a] + w * bias[b]
-                        if value < d[v]:
-                            d[v] = value
+                        if x < d[v]:
+                            d[v] = x
                             fixed[v] = True
+                            for m in range(carried.shape[1]):
+                                carried[v, m] = (1.0 - w) * carried[a, m] + w * carried[b, m]
                             if x > 1e-12:
                                 for m in range(3):
                                     g[v, m] = (V[v, m] - foot[m]) / x

@@ -26,6 +26,8 @@ from vega_planner.toolpaths.isolines import AXIS, CELL, POSITION, THICKNESS
 from vega_planner.toolpaths.linking import Pass, link_lines, link_loops
 from vega_planner.toolpaths.planar import concentric_lines
 from vega_planner.toolpaths.polyline_kernels import resample
+from vega_planner.toolpaths.rim import Ground, ground_of
+from vega_planner.toolpaths.smoothing_kernels import smooth_axes, without_crowding
 from vega_planner.toolpaths.surface import connect
 from vega_planner.toolpaths.travel import TravelPlanner
 from vega_planner.toolpaths.zigzag import zigzag_lines
@@ -36,6 +38,10 @@ if TYPE_CHECKING:
 #: Points of a pass: how far the path may leave the surface between them, how far apart
 #: they are at most, and how far the axis turns from one to the next at most.
 CHORD_MM, STEP_MM, TURN_DEG = 0.008, 1.0, 3.0
+
+#: Points of a line that are nearer than this are one; the nozzle's direction is averaged
+#: along the pass with this standard deviation.
+CROWDED_MM, CALM_MM = 0.03, 1.0
 
 #: The seam, where loops start, moves on by this from one patch to the next but one, so
 #: that seams do not pile up and the way to the next start stays short.
@@ -62,13 +68,14 @@ def lay_toolpaths(
         Passes in print order with the moves between them.
     """
     flat = stack.engine == "planar"
+    ground = ground_of(_plate(cell), cell.substrate)
     work = list(enumerate(patches))
     passes: list[list[Pass]] = []
     chunk = 8
     for start in range(0, len(work), chunk):
         report(Progress("toolpaths", 0.8 * start / max(len(work), 1), detail="passes"))
         passes += map_threads(
-            lambda item: patch_passes(item[1], item[0], flat, settings, _plate(cell)),
+            lambda item: patch_passes(item[1], item[0], flat, settings, ground),
             work[start : start + chunk],
         )
     report(Progress("toolpaths", 0.8, detail="travel"))
@@ -82,7 +89,7 @@ def _plate(cell: Workcell) -> float:
 
 
 def patch_passes(
-    patch: Patch, index: int, flat: bool, settings: ToolpathSettings, plate_z_mm: float
+    patch: Patch, index: int, flat: bool, settings: ToolpathSettings, ground: Ground
 ) -> list[Pass]:
     """Lay the passes of one patch.
 
@@ -91,7 +98,7 @@ def patch_passes(
         index: Its place in the print order, which turns zigzag lines and the seam.
         flat: Whether it belongs to a planar stack.
         settings: Pattern, spacing and linking.
-        plate_z_mm: Height of the plate [mm].
+        ground: What a rim may stand on.
 
     Returns:
         Passes, thinned out to the points the path needs.
@@ -111,14 +118,19 @@ def patch_passes(
         loops, lines, guides = zigzag_lines(surface, patch, spacing, angle, euclidean=euclidean)
         found = link_lines(loops, lines, guides, spacing, longest, toward)
     else:
-        lines, used = contour_lines(surface, patch, spacing, euclidean=euclidean)
+        lines, used = contour_lines(surface, patch, spacing, ground=ground, euclidean=euclidean)
         found = link_loops(lines, used, longest, toward)
     cosine = math.cos(math.radians(TURN_DEG))
     return [
-        Pass(resample(item.rows, CHORD_MM, STEP_MM, cosine), item.closed)
+        Pass(resample(_calm(item), CHORD_MM, STEP_MM, cosine), item.closed)
         for item in found
         if len(item.rows) >= 2
     ]
+
+
+def _calm(item: Pass) -> Floats:
+    rows = without_crowding(item.rows, CROWDED_MM)
+    return smooth_axes(rows, AXIS.start, CALM_MM, item.closed)
 
 
 def _in_order(

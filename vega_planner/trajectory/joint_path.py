@@ -11,8 +11,7 @@ import numpy as np
 from vega_planner.datatypes import Bools, Floats, Ints
 from vega_planner.errors import Unreachable
 from vega_planner.robot.robot import Robot
-from vega_planner.trajectory import branch_kernels
-from vega_planner.trajectory.waypoints import Waypoints, refined, turned_evenly
+from vega_planner.trajectory.waypoints import Waypoints, evenly_cut, refined, turned_evenly
 
 #: Largest step of a rotary joint between two samples [rad].
 LARGEST_STEP = 0.15
@@ -44,11 +43,13 @@ class JointPath:
 class PathSolver(Protocol):
     """Inverse kinematics along a path: the choice first, then the poses in between."""
 
-    def choose(self, way: Waypoints) -> tuple[Floats, Ints]:
+    def choose(self, way: Waypoints) -> tuple[Waypoints, Floats, Ints]:
         """Choose a configuration for each pose.
 
         Returns:
-            Joint positions (n, j), and the intervals at which the arm has to jump.
+            The poses, with more of them where the solver needs it and with the axes the
+            nozzle really has, joint positions (n, j), and the intervals at which the arm
+            has to jump.
         """
         ...
 
@@ -73,7 +74,7 @@ def joint_path(way: Waypoints, robot: Robot, solver: PathSolver, tolerance: floa
     Raises:
         Unreachable: If no continuous joint path exists.
     """
-    q, jumps = solver.choose(way)
+    way, q, jumps = solver.choose(way)
     fixed = np.zeros(len(way.points), np.bool_)
     reconfigures = np.zeros(len(way.path_id), np.bool_)
     origin = np.arange(len(q), dtype=np.float64)
@@ -82,13 +83,9 @@ def joint_path(way: Waypoints, robot: Robot, solver: PathSolver, tolerance: floa
     for _ in range(_ROUNDS):
         fixed = reconfigures[way.segment]
         pieces = _pieces(way, q, fixed, robot, tolerance)
-        rows = np.flatnonzero(pieces > 1)
-        if not len(rows):
+        if pieces.max() == 1:
             break
-        count = pieces[rows] - 1
-        interval = np.repeat(rows, count)
-        within = np.arange(len(interval)) - np.repeat(np.cumsum(count) - count, count) + 1
-        way, place = refined(way, interval, within / pieces[interval])
+        way, place = refined(way, *evenly_cut(pieces))
         base = np.floor(place).astype(np.int64)
         part = place - base
         after = np.minimum(base + 1, len(q) - 1)
@@ -178,36 +175,6 @@ def _with_reconfigurations(
         np.array(ids),
     )
     return new, np.concatenate(rows), np.array(changes), np.concatenate(origin)
-
-
-class ClosedFormSolver:
-    """Both branches in closed form, and the nearest one where poses are added."""
-
-    def __init__(self, robot: Robot):
-        self.robot = robot
-
-    def choose(self, way: Waypoints) -> tuple[Floats, Ints]:
-        """Choose the branch of each pose; see `PathSolver`."""
-        from vega_planner.trajectory.branches import continuous_path
-
-        return continuous_path(way, self.robot.solve(way.points, way.axes), self.robot)
-
-    def follow(self, way: Waypoints, rows: Ints, guess: Floats, origin: Floats) -> Floats:
-        """Take the branch nearest to the guess; see `PathSolver`."""
-        solutions = self.robot.solve(way.points[rows], way.axes[rows])
-        q = np.zeros_like(guess)
-        missing = branch_kernels.nearest_candidate(
-            solutions.candidates,
-            solutions.valid,
-            guess,
-            self.robot.chain.revolute,
-            self.robot.lower,
-            self.robot.upper,
-            q,
-        )
-        if missing >= 0:
-            raise lost(way, int(rows[missing]))
-        return q
 
 
 def lost(way: Waypoints, row: int) -> Unreachable:

@@ -166,6 +166,19 @@ def refined(way: Waypoints, interval: Ints, fraction: Floats) -> tuple[Waypoints
     return Waypoints(points, axes, path, starts, way.path_id), index + part
 
 
+def evenly_cut(pieces: Ints) -> tuple[Ints, Floats]:
+    """List the poses that cut intervals into equal pieces, as `refined` takes them.
+
+    Args:
+        pieces: Number of pieces of each interval, shape (n - 1,); 1 leaves it whole.
+    """
+    rows = np.flatnonzero(pieces > 1)
+    count = pieces[rows] - 1
+    interval = np.repeat(rows, count)
+    within = np.arange(len(interval)) - np.repeat(np.cumsum(count) - count, count) + 1
+    return interval, within / pieces[interval]
+
+
 def turned_evenly(a: Floats, b: Floats, fraction: Floats) -> Floats:
     """Turn unit vectors a towards b by a fraction of the angle between them (slerp)."""
     cosine = np.clip(np.einsum("ij,ij->i", a, b), -1.0, 1.0)

@@ -55,22 +55,22 @@ def plan_command(
         own_file: Where `save_settings` puts what has no option of its own.
 
     Returns:
-        One line for a shell.
+        A command for a shell, one option a line.
     """
-    words = ["vega", "plan", source, "-o", out]
+    words = [["vega", "plan", source], ["-o", out]]
     changed = differences(settings, base)
     if needs_file(settings, base):
-        words += ["--settings", str(own_file)]
+        words.append(["--settings", str(own_file)])
         changed = {}
     elif settings_file is not None:
-        words += ["--settings", str(settings_file)]
+        words.append(["--settings", str(settings_file)])
     for spec in specs:
-        words += ["--brr", spec]
+        words.append(["--brr", spec])
     for key, value in changed.items():
         # Joined with "=", so that a negative number does not look like an option.
         text = f"{value:g}" if isinstance(value, float) else str(value)
-        words += [f"{OPTIONS[key]}={text}"] if text.startswith("-") else [OPTIONS[key], text]
-    return shlex.join(words)
+        words.append([f"{OPTIONS[key]}={text}"] if text[:1] == "-" else [OPTIONS[key], text])
+    return " \\\n  ".join(shlex.join(group) for group in words)
 
 
 def needs_file(settings: Settings, base: Settings) -> bool:

@@ -13,7 +13,7 @@ import struct
 import numpy as np
 from numpy.typing import NDArray
 
-from vega_planner.datatypes import Floats
+from vega_planner.datatypes import Floats, face_cross
 
 _LINES, _TRIANGLES = 1, 4
 _FLOAT, _UINT32, _UBYTE = 5126, 5125, 5121
@@ -49,6 +49,23 @@ def baked_colours(normals: Floats, colour: tuple[int, int, int]) -> NDArray[np.u
     light = np.array([0.35, -0.45, 0.82])
     shade = 0.62 + 0.38 * (normals @ (light / np.linalg.norm(light)))
     return (np.array(colour) * np.clip(shade, 0.3, 1.0)[:, None]).astype(np.uint8)
+
+
+def shaded_glb(vertices: Floats, faces: NDArray, colour: tuple[int, int, int]) -> bytes:
+    """Encode a triangle mesh in one colour, each face shaded by its own direction.
+
+    Args:
+        vertices: Positions, shape (n, 3).
+        faces: Vertex indices, shape (m, 3), m >= 1.
+        colour: sRGB 0..255.
+    """
+    cross = face_cross(vertices, faces)
+    length = np.linalg.norm(cross, axis=1, keepdims=True)
+    colours = baked_colours(cross / np.where(length > 0, length, 1.0), colour)
+    corners = vertices[faces].reshape(-1, 3)
+    return _encode(
+        _TRIANGLES, corners, np.arange(len(corners)).reshape(-1, 3), np.repeat(colours, 3, axis=0)
+    )
 
 
 def _encode(mode: int, points: Floats, indices: NDArray, colours: NDArray) -> bytes:

@@ -158,7 +158,7 @@ class PathView:
         colours = np.broadcast_to(np.array([255, 90, 20], dtype=np.uint8), points.shape).copy()
         if self._growing is None:
             self._growing = self._scene.add_line_segments(
-                "/growing", points, colours, line_width=2.0
+                "/growing", points, colours, thickness=2.0, thickness_units="screen"
             )
             return
         self._growing.points = points

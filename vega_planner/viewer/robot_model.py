@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 from urllib.parse import unquote, urlparse
 from xml.etree import ElementTree
 
@@ -231,7 +232,8 @@ def _shape(shape: ElementTree.Element) -> tuple[Floats, Ints]:
 
 def _box(size: Floats) -> tuple[Floats, Ints]:
     """Four corners for each side, so that the edges stay sharp when shaded."""
-    vertices, faces = [], []
+    vertices: list[Floats] = []
+    faces: list[list[int]] = []
     for axis in range(3):
         for sign in (-1.0, 1.0):
             u, v = (axis + 1) % 3, (axis + 2) % 3
@@ -270,7 +272,7 @@ def _mesh_file(name: str, scale: Floats) -> tuple[Floats, Ints]:
         raise ValueError(f"mesh '{name}' is no file; package:// paths must be resolved before")
     path = Path(unquote(place.path))
     try:
-        loaded = trimesh.load(path, force="mesh")
+        loaded: Any = trimesh.load(path, force="mesh")
     except Exception as error:  # trimesh and its readers raise many kinds
         raise BadRobot(f"mesh {path} of the URDF cannot be read: {error}") from error
     return np.array(loaded.vertices) * scale, np.array(loaded.faces, dtype=np.int64)

@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from vega_planner.datatypes import Floats
+from vega_planner.datatypes import Floats, Ints
 from vega_planner.units import mm_to_m
+from vega_planner.viewer.glb import shaded_glb
 from vega_planner.viewer.robot_model import RobotModel, quaternion_wxyz
 
 DISPENSING, IDLE = (250, 120, 20), (120, 125, 130)
 #: The nozzle that is drawn where no robot is: a cone 20 mm long, 0.65 to 2.2 mm wide.
-_NOZZLE = ((0.0, 0.65), (20.0, 2.2))
+_NOZZLE = ((0.0, 0.65e-3), (20e-3, 2.2e-3))
 
 
 class RobotView:
@@ -46,7 +47,7 @@ class RobotView:
         """
         self.clear_robot()
         self._model = model
-        T = np.linalg.inv(T_base_part)
+        T: Floats = np.asarray(np.linalg.inv(T_base_part), dtype=np.float64)
         self._root = self._frame("/robot", T)
         paths = {model.root: "/robot"}
         self._draw_link(model, model.root, "/robot")
@@ -90,21 +91,17 @@ class RobotView:
         """
         if self._nozzle is None:
             vertices, faces = _turned(_NOZZLE)
-            self._nozzle = self._scene.add_mesh_simple(
-                "/nozzle", vertices, faces, color=(225, 228, 232), side="double",
-                cast_shadow=False, receive_shadow=False,
-            )  # fmt: skip
+            self._nozzle = self._add("/nozzle", vertices, faces, (225, 228, 232))
             self._nozzle.visible = not self._robot_is_shown()
         position = mm_to_m(np.asarray(tip_mm, dtype=np.float64))
         self._nozzle.position = position
         self._nozzle.wxyz = quaternion_wxyz(_turn_z_to(np.asarray(axis, dtype=np.float64)))
         if self._bead is None or self._dispensing != dispensing:
             self._dispensing = dispensing
-            self._bead = self._scene.add_icosphere(
-                "/dispenser", mm_to_m(1.4 if dispensing else 0.8),
-                DISPENSING if dispensing else IDLE, subdivisions=2,
-                cast_shadow=False, receive_shadow=False, position=position,
-            )  # fmt: skip
+            radius = mm_to_m(1.4 if dispensing else 0.8)
+            vertices, faces = _turned(tuple(_ball(radius)))
+            colour = DISPENSING if dispensing else IDLE
+            self._bead = self._add("/dispenser", vertices, faces, colour)
         self._bead.position = position
 
     def set_visible(self, robot: bool) -> None:
@@ -125,21 +122,16 @@ class RobotView:
 
     def _draw_link(self, model: RobotModel, link: str, path: str) -> None:
         for index, visual in enumerate(model.visuals.get(link, ())):
-            self._scene.add_mesh_simple(
-                f"{path}/{link}_{index}",
-                visual.vertices,
-                visual.faces,
-                color=visual.colour,
-                opacity=visual.opacity if visual.opacity < 1 else None,
-                flat_shading=True,
-                side="double",
-                cast_shadow=False,
-                receive_shadow=False,
-            )
+            name = f"{path}/{link}_{index}"
+            self._add(name, visual.vertices, visual.faces, visual.colour)
+
+    def _add(self, name: str, vertices: Floats, faces: Ints, colour: tuple[int, int, int]) -> Any:
+        glb = shaded_glb(vertices, faces, colour)
+        return self._scene.add_glb(name, glb, cast_shadow=False, receive_shadow=False)
 
 
 def _turned(profile: tuple[tuple[float, float], ...]) -> tuple[Floats, Any]:
-    """A surface of revolution about z [m]."""
+    """A surface of revolution about z, given by heights and radii [m]."""
     turn = np.arange(16) * 2 * np.pi / 16
     circle = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(16)])
     rings = [radius * circle + [0, 0, height] for height, radius in profile]
@@ -152,7 +144,13 @@ def _turned(profile: tuple[tuple[float, float], ...]) -> tuple[Floats, Any]:
             np.column_stack([low, after + 16, low + 16]),
         )
     ]
-    return mm_to_m(np.concatenate(rings)), np.concatenate(faces)
+    return np.concatenate(rings), np.concatenate(faces)
+
+
+def _ball(radius: float) -> list[tuple[float, float]]:
+    """Profile of a ball: heights and radii."""
+    tilt = np.linspace(0, np.pi, 9)
+    return list(zip((-radius * np.cos(tilt)).tolist(), (radius * np.sin(tilt)).tolist()))
 
 
 def _turn_z_to(axis: Floats) -> Floats:

@@ -2,8 +2,8 @@
 """Light, camera and the part itself.
 
 The scene's frame is the part frame in metres, so that the part stays where it is while
-robot and cell are put round it. Shadows and the environment map are off: a renderer
-without a graphics card draws four times as fast without them.
+robot and cell are put round it. Nothing is lit: shade is baked into the colours, since a
+renderer without a graphics card draws plain colours many times as fast.
 """
 
 from __future__ import annotations
@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from vega_planner.datatypes import Bools, Floats, TriangleGeometry
+from vega_planner.datatypes import Bools, Floats, Ints, TriangleGeometry
 from vega_planner.units import mm_to_m
+from vega_planner.viewer.glb import shaded_glb
 from vega_planner.viewer.level_of_detail import clustered
 from vega_planner.viewer.result_folder import coloured_submesh
 
@@ -31,26 +32,15 @@ class Stage:
         self._server = server
         self._scene = server.scene
         self._scene.set_up_direction("+z")
-        self._scene.configure_default_lights(True, cast_shadow=False)
+        self._scene.configure_default_lights(False, cast_shadow=False)
         self._scene.configure_environment_map(None)
-        self._scene.add_light_ambient("/lights/ambient", intensity=1.2)
         self._part: Any = None
         self._region: Any = None
-        self._substrate: Any = None
 
     def show_part(self, part: TriangleGeometry) -> None:
         """Draw a part and point the camera of whoever comes next at it."""
         vertices, faces = clustered(part.vertices, part.faces, PART_BUDGET)
-        self._part = self._scene.add_mesh_simple(
-            "/part",
-            mm_to_m(vertices),
-            faces,
-            color=PART_COLOUR,
-            flat_shading=True,
-            side="double",
-            cast_shadow=False,
-            receive_shadow=False,
-        )
+        self._part = self._add("/part", vertices, faces, PART_COLOUR)
         position, target = viewpoint(part.vertices)
         self._server.initial_camera.position = tuple(position)
         self._server.initial_camera.look_at = tuple(target)
@@ -66,22 +56,17 @@ class Stage:
         if chosen.any():
             lift = 2e-3 * float(np.ptp(part.vertices, axis=0).max())
             vertices, faces = coloured_submesh(part, chosen, lift)
-            self._region = self._scene.add_mesh_simple(
-                "/restraint",
-                mm_to_m(vertices),
-                faces,
-                color=REGION_COLOUR,
-                flat_shading=True,
-                side="double",
-                cast_shadow=False,
-                receive_shadow=False,
-            )
+            self._region = self._add("/restraint", vertices, faces, REGION_COLOUR)
 
     def set_visible(self, part: bool, region: bool) -> None:
         """Show or hide the part and its restraint region."""
         for handle, visible in ((self._part, part), (self._region, region)):
             if handle is not None and handle.visible != visible:
                 handle.visible = visible
+
+    def _add(self, name: str, vertices: Floats, faces: Ints, colour: tuple[int, int, int]) -> Any:
+        glb = shaded_glb(mm_to_m(vertices), faces, colour)
+        return self._scene.add_glb(name, glb, cast_shadow=False, receive_shadow=False)
 
 
 def viewpoint(vertices: Floats) -> tuple[Floats, Floats]:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -74,6 +75,7 @@ class Timeline:
         result[1:] = length / np.maximum(np.diff(self.times), 1e-9)
         return result
 
+    @cached_property
     def layer_starts(self) -> dict[int, float]:
         """Time at which each layer is begun [s], by layer."""
         printing = np.flatnonzero(self.path_id >= 0)

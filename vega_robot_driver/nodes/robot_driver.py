@@ -8,6 +8,7 @@ shows: when it dies, the process stops the machine by itself.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import threading
 import time
@@ -67,12 +68,12 @@ if TYPE_CHECKING:
 PARAMETERS: dict[str, tuple[Any, str]] = {
     "hardware": ("simulated", "simulated, emulated (drives and dispenser on a wire) or ethercat."),
     "robot": ("vega5", "Name of a robot in config/robots, or path of a URDF or xacro file."),
-    "material": ("se1700", "Name of a material: pressure, and lead and lag of the dispenser."),
+    "material": ("se1700", "Name of a material: the dispenser's pressure."),
     "machine": ("", "YAML file of the bus: drives, their identity, units and mapping."),
     "interface": ("", "Network interface of the bus; over the one in the machine file."),
     "state_folder": ("", "Where checkpoint and status are kept; default below ~/.ros/vega."),
     "realtime": (False, "Run a simulation at the pace of the clock."),
-    "time_scale": (100.0, "How much faster than the clock a simulation runs, if not realtime."),
+    "time_scale": (500.0, "How much faster than the clock a simulation runs, if not realtime."),
     "cycle_time": (0.002, "Cycle time of the axes [s]."),
     "ramp_time": (0.1, "Time from full speed along the path to standstill [s]."),
     "stale_time": (0.5, "Silence of this node after which the machine stops [s]."),
@@ -296,9 +297,18 @@ class RobotDriver(LifecycleNode):
             self.get_logger().error(str(error))
             error_to_msg(error, result)
             goal.abort()
+        except Exception as error:  # a bug must stop the machine and not look like success
+            self.get_logger().error(f"unexpected {type(error).__name__}: {error}")
+            self._stop_on_bug()
+            error_to_msg(VegaError(f"unexpected {type(error).__name__}: {error}"), result)
+            goal.abort()
         finally:
             self._executing.release()
         return result
+
+    def _stop_on_bug(self) -> None:
+        with contextlib.suppress(VegaError):
+            self._ask("stop")
 
     def _print(self, goal: ServerGoalHandle, result: ExecutePrint.Result) -> None:
         if self._link is None or self._link.status().state == "off":
@@ -334,15 +344,7 @@ class RobotDriver(LifecycleNode):
         way = approach(robot, status.positions, job.positions[entry], float(tips[:, 2].max()))
         arrays = {name: getattr(job, name) for name in job.__dataclass_fields__}
         np.savez(link.folder / "job.npz", waypoints=way, **arrays)
-        material = self._material
-        link.ask(
-            "load",
-            job="job.npz",
-            start_u=start,
-            overlap_s=overlap,
-            lead_s=material.lead_s if material else 0.0,
-            lag_s=material.lag_s if material else 0.0,
-        )
+        link.ask("load", job="job.npz", start_u=start, overlap_s=overlap)
         self._beads.start(job, tips)
         return link.status().clock
 
