@@ -119,12 +119,11 @@ def register(
     report(Progress("registration", 0.5))
     few = generator.permutation(len(points))[:_COARSE_POINTS]
     found = [_icp(pose, points[few], normals[few], surface, size, 25) for pose in poses]
-    misfits = np.array([misfit for _, misfit in found])
-    # A symmetric part stays as it lies where that fits as well.
-    best = int(np.argmax(misfits <= 1.03 * misfits.min()))
+    refined = np.array([pose for pose, _ in found])
+    first = int(np.argmin([misfit for _, misfit in found]))
+    best, rival = _choose(refined, first, points[few], surface, size)
     report(Progress("registration", 0.8))
-    pose, _ = _icp(found[best][0], points, normals, surface, size, 20)
-    rival = _rival([pose for pose, _ in found], best, points[few], surface, size)
+    pose, _ = _icp(refined[best], points, normals, surface, size, 20)
     result = _judge(pose, points, normals, surface, size, rival)
     if result.fit_ratio < LEAST_FIT or result.used_ratio < LEAST_USED:
         error = NotRegistered(
@@ -271,6 +270,8 @@ def _icp(
     for _ in range(steps):
         moved = points @ pose[:3, :3].T + pose[:3, 3]
         residual, rows, weights, scale = _linearised(moved, pose, normals, surface, scale, limit)
+        if not weights.any():
+            break
         normal = rows.T @ (rows * weights[:, None])
         turn = np.linalg.solve(
             normal + 1e-9 * np.trace(normal) * np.eye(6), -rows.T @ (weights * residual)
@@ -332,26 +333,31 @@ def _as_it_lies(points: Floats, target: TriangleGeometry) -> Floats:
     return np.array([np.eye(4), shifted])
 
 
-def _rival(
-    poses: list[Floats], best: int, points: Floats, surface: SurfaceDistance, size: float
-) -> float:
-    """Misfit of the best pose over that of the best different one, without clutter."""
+def _choose(
+    poses: Floats, first: int, points: Floats, surface: SurfaceDistance, size: float
+) -> tuple[int, float]:
+    """Choose among refined poses by the points that the first choice does not call clutter.
 
-    def distances(pose: Floats) -> Floats:
-        moved = points @ pose[:3, :3].T + pose[:3, 3]
-        return np.abs(surface.query(moved, signed=False).signed)
+    Where several fit equally well the earliest wins: a symmetric part stays as it lies.
 
+    Returns:
+        The choice, and its misfit over that of the best different pose.
+    """
     limit = CLUTTER_RATIO * size
-    here = distances(poses[best])
-    used = here < limit
-    others = [
-        float(np.minimum(distances(pose)[used], limit).mean())
-        for pose in poses
-        if _differ(pose, poses[best], size)
-    ]
-    if not others or not used.any():
-        return 0.0
-    return min(float(here[used].mean()) / max(min(others), 1e-12), 1.0)
+    distances = np.array(
+        [
+            np.abs(surface.query(points @ pose[:3, :3].T + pose[:3, 3], signed=False).signed)
+            for pose in poses
+        ]
+    )
+    used = distances[first] < limit
+    if not used.any():
+        return first, 0.0
+    misfits = np.minimum(distances[:, used], limit).mean(1)
+    best = int(np.argmax(misfits <= 1.005 * misfits.min()))
+    others = [misfits[k] for k in range(len(poses)) if _differ(poses[k], poses[best], size)]
+    rival = float(misfits[best]) / max(min(others), 1e-12) if others else 0.0
+    return best, min(rival, 1.0)
 
 
 def _judge(
