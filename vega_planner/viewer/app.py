@@ -20,7 +20,7 @@ from vega_planner.units import m_to_mm, mm_to_m
 from vega_planner.viewer import controls as panel
 from vega_planner.viewer.command import needs_file, plan_command, save_settings
 from vega_planner.viewer.explain import explain
-from vega_planner.viewer.job import JobPort, JobState
+from vega_planner.viewer.job import JobPort, JobState, MachineChoice
 from vega_planner.viewer.layer_view import LayerView
 from vega_planner.viewer.path_view import PathView
 from vega_planner.viewer.picking import first_hit
@@ -64,6 +64,7 @@ class Viewer:
         self.picks: RestraintPicks | None = None
         self.state = JobState()
         self.planning = False
+        self.starting = False
         self._server = server
         self._make_job = make_job
         self._job: JobPort | None = None
@@ -409,7 +410,7 @@ class Viewer:
         Raises:
             VegaError: If a setting is no good.
         """
-        if self.planning or self.state.state in RUNNING:
+        if self.planning or self.starting or self.state.state in RUNNING:
             raise InvalidInput("a job is running; stop it first")
         settings = self.settings()
         folder = Path(self.controls.out.value).expanduser().absolute()
@@ -454,9 +455,16 @@ class Viewer:
         """
         if self.result is None:
             raise InvalidInput("there is no plan to print; press Plan first")
-        self.controls.play.value = False
-        self.job.print(self.result.path.absolute())
-        self._remark = ""
+        controls = self.controls
+        controls.play.value = False
+        machine = MachineChoice(controls.hardware.value, float(controls.machine_pace.value[1:]))
+        if self.planning or self.starting or self.state.state in RUNNING:
+            raise InvalidInput("a job is running; stop it first")
+        self.starting, self._remark = True, "starting the print"
+        try:
+            self.job.print(self.result.path.absolute(), machine)
+        finally:
+            self.starting, self._remark = False, ""
 
     def stop(self) -> None:
         """Stop planning or printing."""
@@ -488,7 +496,7 @@ class Viewer:
                 _set(controls.time, "value", round(min(state.path_time_s, controls.time.max), 1))
                 _set(controls.bar, "value", round(100.0 * state.progress, 1))
         elif controls.play.value and self.result is not None:
-            pace = float(controls.pace.value[1:])
+            pace = float(controls.play_speed.value[1:])
             after = min(self._time_s + pace * elapsed, controls.time.max)
             with self._server.atomic():
                 self.set_time(after)
@@ -502,13 +510,13 @@ class Viewer:
 
     def _update_buttons(self, running: bool) -> None:
         controls, state = self.controls, self.state.state
-        idle = not self.planning and not running
+        idle = not self.planning and not self.starting and not running
         for button, visible in (
             (controls.plan, idle and self.part is not None),
             (controls.print, idle and self.result is not None),
             (controls.pause, state == "printing"),
             (controls.resume, state == "paused"),
-            (controls.stop, not idle),
+            (controls.stop, self.planning or running),
         ):
             _set(button, "visible", visible)
 
