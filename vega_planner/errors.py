@@ -71,6 +71,17 @@ class Unreachable(VegaError):
     waypoint: int = -1
 
 
+class NotRegistered(VegaError):
+    """A scan cannot be laid onto its target.
+
+    Attributes:
+        best: The best registration found, or None.
+    """
+
+    code = 113
+    best: object = None
+
+
 class OutputError(VegaError, OSError):
     """A result cannot be written (no permission, no space)."""
 
@@ -120,3 +131,14 @@ class Faulted(DriverError):
     """A device is in its fault state."""
 
     code = 203
+
+
+def error_class(code: int) -> type[VegaError]:
+    """Find the class of an error code; `VegaError` itself for an unknown one."""
+    todo: list[type[VegaError]] = [VegaError]
+    while todo:
+        kind = todo.pop()
+        if kind.code == code:
+            return kind
+        todo.extend(kind.__subclasses__())
+    return VegaError

@@ -108,6 +108,27 @@ class PrintabilitySettings:
     clearance_mm: float = option(
         0.2, "Distance the tool keeps from what is there [mm].", low=0.0, high=10.0
     )
+    max_tilt_rate_deg_mm: float = option(
+        12.0,
+        "Largest change of the nozzle's tilt along the surface [deg/mm]; at 5 mm/s this "
+        "stays well within the rotary axes' speed.",
+        low=0.1,
+        high=1000.0,
+    )
+    max_lean_deg: float = option(
+        65.0,
+        "Largest angle between the nozzle and the surface normal [deg]; beyond it the tip's "
+        "edge ploughs through the bead it lays.",
+        low=0.0,
+        high=90.0,
+    )
+    max_overhang_deg: float = option(
+        45.0,
+        "How far a surface may lean out over what is below it and still be printed from its "
+        "outer side [deg]; 0 is a vertical wall.",
+        low=0.0,
+        high=90.0,
+    )
 
 
 @dataclass(frozen=True)
@@ -134,6 +155,13 @@ class ToolpathSettings:
     )
     link_ratio: float = option(
         2.5, "Longest link between two lines of one pass, in bead widths.", low=0.0, high=10.0
+    )
+    skin_overlap_ratio: float = option(
+        0.15,
+        "How much closer the lines of the outermost layer lie: shallower grooves on the visible "
+        "surface. The layers below it give the volume.",
+        low=0.0,
+        high=0.3,
     )
 
 

@@ -1,1 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
+"""How true a print is to its target: virtual prints, scans, comparison, compensation."""

@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Exact distance to the buffered surface S = ∂A \\ ∂A*, for any point."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vega_planner.datatypes import Floats, Ints, Part
+from vega_planner.errors import InvalidInput
+from vega_planner.layers import triangle_kernels as kernels
+from vega_planner.parallel import map_threads
+
+#: Points answered by one piece of work; a power of two keeps neighbours together.
+_CHUNK = 4096
+
+
+@dataclass(frozen=True, eq=False)
+class NearestPoints:
+    """Answer of a nearest-point query.
+
+    Attributes:
+        distances: Distance of each point to the surface [mm], shape (n,).
+        points: Nearest point of the surface [mm], shape (n, 3).
+        faces: The face it lies on, an index into the faces of the field, shape (n,).
+    """
+
+    distances: Floats
+    points: Floats
+    faces: Ints
+
+
+class DistanceField:
+    """Nearest points on a set of triangles, exact to rounding.
+
+    A balanced tree of boxes over the triangles in Z-order. The object is built once
+    and answers any number of queries; it changes nothing when it does.
+
+    Attributes:
+        faces: Index, in the mesh it was built from, of each triangle in tree order.
+    """
+
+    def __init__(self, vertices: Floats, faces: Ints) -> None:
+        """Build the tree.
+
+        Args:
+            vertices: Points [mm], shape (n, 3).
+            faces: Vertex indices, shape (m, 3), m >= 1.
+
+        Raises:
+            InvalidInput: If there are no faces.
+        """
+        if len(faces) == 0:
+            raise InvalidInput("a distance field needs at least one face")
+        vertices = np.ascontiguousarray(vertices, np.float64)
+        faces = np.ascontiguousarray(faces, np.int64)
+        low = vertices.min(0)
+        extent = float((vertices.max(0) - low).max())
+        scale = (2.0**20 - 1) / extent if extent > 0 else 0.0
+        codes = kernels.morton_codes(vertices, faces, low, scale)
+        self.faces: Ints = np.argsort(codes, kind="stable")
+        self.tri = kernels.triangle_rows(vertices, faces, self.faces)
+        leaves = 1
+        while leaves * kernels.LEAF < len(faces):
+            leaves *= 2
+        self.box = kernels.box_tree(self.tri, leaves)
+        self._vertices = vertices
+        self._mesh_faces = faces
+        self._rings: tuple[Ints, Ints, Ints] | None = None
+
+    @classmethod
+    def of_part(cls, part: Part) -> DistanceField:
+        """Build the field of distances to the faces of a part that are buffered (S)."""
+        return cls(part.vertices, part.faces[~part.restrained])
+
+    @property
+    def rings(self) -> tuple[Ints, Ints, Ints]:
+        """Corners of each triangle, and the triangles round each vertex, in tree order."""
+        if self._rings is None:
+            self._rings = kernels.rings(self._mesh_faces, self.faces, len(self._vertices))
+        return self._rings
+
+    def nearest(self, points: Floats) -> NearestPoints:
+        """Find the nearest point of the surface for each point.
+
+        Args:
+            points: Points [mm], shape (n, 3).
+
+        Returns:
+            Distances, nearest points and faces.
+        """
+        points = np.ascontiguousarray(points, np.float64)
+        count = len(points)
+        slot = np.zeros(count, np.int64)
+        distance = np.zeros(count)
+        foot = np.zeros((count, 3))
+
+        def answer(first: int) -> None:
+            last = min(first + _CHUNK, count)
+            kernels.nearest_many(self.tri, self.box, points, first, last, slot, distance, foot)
+
+        map_threads(answer, range(0, count, _CHUNK))
+        return NearestPoints(distance, foot, self.faces[slot])
+
+    def distances(self, points: Floats) -> Floats:
+        """Measure the distance of each point to the surface [mm], shape (n,)."""
+        return self.nearest(points).distances
+
+    def normals(self, faces: Ints) -> Floats:
+        """Unit normals of faces, shape (n, 3)."""
+        corners = self._vertices[self._mesh_faces[faces]]
+        cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        length = np.linalg.norm(cross, axis=1, keepdims=True)
+        return cross / np.where(length > 0, length, 1.0)
+
+    def first_hits(self, starts: Floats, ends: Floats) -> tuple[Ints, Floats]:
+        """Find where segments first meet the surface.
+
+        Args:
+            starts: First ends [mm], shape (n, 3).
+            ends: Other ends [mm], shape (n, 3).
+
+        Returns:
+            Face met, -1 where none, and the parameter from 0 to 1 along the segment.
+        """
+        starts = np.ascontiguousarray(starts, np.float64)
+        ends = np.ascontiguousarray(ends, np.float64)
+        count = len(starts)
+        slot = np.zeros(count, np.int64)
+        parameter = np.zeros(count)
+
+        def answer(first: int) -> None:
+            last = min(first + _CHUNK, count)
+            kernels.first_hit_many(self.tri, self.box, starts, ends, first, last, slot, parameter)
+
+        map_threads(answer, range(0, count, _CHUNK))
+        return np.where(slot >= 0, self.faces[slot], -1), parameter

@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The regular grid that samples a part, and the distances at its nodes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from vega_planner.datatypes import Floats, Part
+from vega_planner.layers import grid_kernels as kernels
+from vega_planner.layers.distance_field import DistanceField
+from vega_planner.parallel import map_threads
+from vega_planner.progress import Progress, Report
+
+#: Slabs of the grid that threads take turns with. Fixed, so that the outcome does not
+#: depend on the number of cores; even, so that neighbours are never swept together.
+SLABS = 8
+
+#: Exact distances are looked up within this many spacings of the surface; the sweeps
+#: carry them on from there.
+_BAND = 2.5
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """Nodes at origin + h (i, j, k), flat arrays with k running fastest.
+
+    Attributes:
+        origin: Position of node (0, 0, 0) [mm].
+        spacing: Distance h between neighbours [mm].
+        shape: Number of nodes along each axis.
+        state: `INSIDE` the part, in the `RING` of nodes around it, or `NONE`, (n,).
+        distance: Signed distance to S [mm]; negative beyond S, positive beyond the
+            restraint region, (n,).
+        slot: Nearest triangle of S, in tree order; -1 where unknown, (n,).
+        gradient: Gradient of the distance, (n, 3).
+        level: Number of levels below the distance, (n,).
+    """
+
+    origin: Floats
+    spacing: float
+    shape: tuple[int, int, int]
+    state: np.ndarray
+    distance: np.ndarray
+    slot: np.ndarray
+    gradient: np.ndarray
+    level: np.ndarray
+
+    def points(self, nodes: np.ndarray) -> Floats:
+        """Positions of nodes [mm], shape (n, 3)."""
+        return self.origin + self.spacing * np.stack(np.unravel_index(nodes, self.shape), axis=1)
+
+    def slabs(self, count: int = SLABS) -> list[tuple[int, int]]:
+        """Cut the planes i = 1 .. nx - 2 into slabs (first, last)."""
+        return plane_slabs(self.shape[0], count)
+
+
+def plane_slabs(planes: int, count: int = SLABS) -> list[tuple[int, int]]:
+    """Cut planes 1 .. planes - 2 into at most `count` slabs of at least three planes."""
+    inner = planes - 2
+    count = max(1, min(count, inner // 3))
+    cuts = [1 + inner * k // count for k in range(count + 1)]
+    return list(pairwise(cuts))
+
+
+def inside_states(
+    vertices: Floats, faces: np.ndarray, origin: Floats, h: float, shape: tuple[int, int, int]
+) -> np.ndarray:
+    """Mark the nodes inside a closed surface: winding number other than 0.
+
+    Args:
+        vertices: Points [mm], shape (n, 3).
+        faces: Vertex indices, shape (m, 3).
+        origin: Position of node (0, 0, 0) [mm].
+        h: Spacing [mm].
+        shape: Nodes along each axis.
+
+    Returns:
+        `INSIDE` or `NONE` for each node, flat.
+    """
+    nx, ny, nz = shape
+    start = np.zeros(nx * ny + 1, np.int64)
+    none = np.zeros(0), np.zeros(0, np.int8)
+    kernels.scan_columns(vertices, faces, origin, h, nx, ny, start, *none)
+    start = np.cumsum(start)
+    height, sign = np.zeros(start[-1]), np.zeros(start[-1], np.int8)
+    if start[-1]:
+        kernels.scan_columns(vertices, faces, origin, h, nx, ny, start.copy(), height, sign)
+    state = np.zeros(nx * ny * nz, np.uint8)
+    kernels.mark_inside(start, height, sign, nz, state)
+    return state
+
+
+def sample_part(
+    part: Part,
+    field: DistanceField,
+    h: float,
+    report: Report,
+) -> Grid:
+    """Measure the distance to S at every node in and around the part.
+
+    Args:
+        part: The part.
+        field: Distances to S.
+        h: Spacing [mm].
+        report: Progress.
+
+    Returns:
+        The grid, its distances unsigned and without gradients; see `finish`.
+    """
+    low, high = part.bounds
+    # Odd offsets keep nodes off the planes that parts are made of.
+    origin = low - np.array([2.3717, 2.4143, 2.2831]) * h
+    nx, ny, nz = (int(n) for n in np.ceil((high - origin) / h) + 3)
+    shape = (nx, ny, nz)
+    state = inside_states(part.vertices, part.faces, origin, h, shape)
+    return sample_nodes(state, origin, h, shape, field, report)
+
+
+def sample_nodes(
+    state: np.ndarray,
+    origin: Floats,
+    h: float,
+    shape: tuple[int, int, int],
+    field: DistanceField,
+    report: Report,
+) -> Grid:
+    """Measure the distance to S at the inside nodes and the ring around them."""
+    nx, ny, nz = shape
+    count = nx * ny * nz
+    distance = np.zeros(count, np.float32)
+    slot = np.full(count, -1, np.int32)
+    fixed, fresh = np.zeros(count, np.uint8), np.zeros(count, np.uint8)
+    slabs = plane_slabs(nx)
+    map_threads(lambda s: kernels.mark_ring(state, nx, ny, nz, *s), slabs)
+    map_threads(
+        lambda s: kernels.start_band(
+            field.tri, field.box, origin, h, state, nx, ny, nz, *s, _BAND * h,
+            distance, slot, fixed, fresh,
+        ),
+        slabs,
+    )  # fmt: skip
+    report(Progress("layers", 0.1))
+
+    def sweep(slab: tuple[int, int]) -> int:
+        return sum(
+            kernels.sweep(
+                field.tri, *field.rings, origin, h, state, ny, nz, *slab, backwards,
+                distance, slot, fixed, fresh,
+            )
+            for backwards in (False, True)
+        )  # fmt: skip
+
+    for _ in range(100):
+        changed = sum(map_threads(sweep, slabs[::2])) + sum(map_threads(sweep, slabs[1::2]))
+        report(Progress("layers", 0.2))
+        if changed == 0:
+            break
+    gradient, level = np.zeros((count, 3), np.float32), np.zeros(count, np.int16)
+    return Grid(origin, h, shape, state, distance, slot, gradient, level)
+
+
+def finish(grid: Grid, tri: Floats, brr: DistanceField | None, r0: float, t: float) -> None:
+    """Sign the distances of a grid, and work out its gradients and levels, in place.
+
+    Args:
+        grid: Distances and nearest sources of its nodes.
+        tri: Rows of the sources.
+        brr: Distances to the restraint region, or None where there is none.
+        r0: First level [mm].
+        t: Distance between levels [mm].
+    """
+    nx, ny, nz = grid.shape
+    brr_tri = brr.tri if brr else np.zeros((0, 13))
+    brr_box = brr.box if brr else np.zeros((1, 6))
+    map_threads(
+        lambda s: kernels.finish_nodes(
+            tri, brr_tri, brr_box, grid.origin, grid.spacing, grid.state, ny, nz, *s, r0, t,
+            grid.distance, grid.slot, grid.gradient, grid.level,
+        ),
+        plane_slabs(nx),
+    )  # fmt: skip

@@ -1,0 +1,283 @@
+# SPDX-License-Identifier: Apache-2.0
+# mypy: disable-error-code="no-untyped-def"
+"""Compiled work on the nodes of a regular grid: inside or outside, nearest triangles.
+
+Node (i, j, k) stands at origin + h (i, j, k); arrays over nodes are flat, k running
+fastest, and at least two nodes wide outside the part so that neighbours always exist.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from vega_planner.layers.triangle_kernels import closest, nearest, walk
+
+#: States of a node.
+NONE, RING, INSIDE = 0, 1, 2
+
+
+@njit(nogil=True, cache=True)
+def edge_side(px, py, qx, qy, x, y):
+    """Tell on which side of the line pq a point lies, the same from both triangles."""
+    turned = px > qx or (px == qx and py > qy)
+    if turned:
+        px, py, qx, qy = qx, qy, px, py
+    side = (qx - px) * (y - py) - (qy - py) * (x - px)
+    if side == 0.0:
+        side = 1e-300
+    return -side if turned else side
+
+
+@njit(nogil=True, cache=True)
+def scan_columns(vertices, faces, origin, h, nx, ny, start, height, sign):
+    """Cross every column of nodes with the surface.
+
+    Called twice: with empty `height` it counts into start[column + 1]; then, start
+    being the running sum, it fills heights [nodes] and signs (+1 facing up).
+    """
+    counting = len(height) == 0
+    for f in range(len(faces)):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        ax, ay = (vertices[a, 0] - origin[0]) / h, (vertices[a, 1] - origin[1]) / h
+        bx, by = (vertices[b, 0] - origin[0]) / h, (vertices[b, 1] - origin[1]) / h
+        cx, cy = (vertices[c, 0] - origin[0]) / h, (vertices[c, 1] - origin[1]) / h
+        for i in range(int(np.ceil(min(ax, bx, cx))), int(np.floor(max(ax, bx, cx))) + 1):
+            for j in range(int(np.ceil(min(ay, by, cy))), int(np.floor(max(ay, by, cy))) + 1):
+                wa = edge_side(bx, by, cx, cy, i, j)
+                wb = edge_side(cx, cy, ax, ay, i, j)
+                wc = edge_side(ax, ay, bx, by, i, j)
+                up = wa > 0.0 and wb > 0.0 and wc > 0.0
+                if not up and not (wa < 0.0 and wb < 0.0 and wc < 0.0):
+                    continue
+                column = i * ny + j
+                if counting:
+                    start[column + 1] += 1
+                    continue
+                z = (wa * vertices[a, 2] + wb * vertices[b, 2] + wc * vertices[c, 2]) / (
+                    wa + wb + wc
+                )
+                height[start[column]] = (z - origin[2]) / h
+                sign[start[column]] = 1 if up else -1
+                start[column] += 1
+
+
+@njit(nogil=True, cache=True)
+def mark_inside(start, height, sign, nz, state):
+    """Mark the nodes with a winding number other than 0, column by column."""
+    for column in range(len(start) - 1):
+        first, last = start[column], start[column + 1]
+        for i in range(first + 1, last):
+            z, s = height[i], sign[i]
+            j = i - 1
+            while j >= first and height[j] > z:
+                height[j + 1] = height[j]
+                sign[j + 1] = sign[j]
+                j -= 1
+            height[j + 1] = z
+            sign[j + 1] = s
+        winding = 0
+        for i in range(first, last - 1):
+            winding -= sign[i]
+            if winding != 0:
+                low = int(np.ceil(height[i]))
+                high = int(np.floor(height[i + 1]))
+                for k in range(low, high + 1):
+                    state[column * nz + k] = INSIDE
+
+
+@njit(nogil=True, cache=True)
+def mark_ring(state, nx, ny, nz, first, last):
+    """Mark the outside nodes that touch an inside one, also across corners."""
+    for i in range(max(first, 1), min(last, nx - 1)):
+        for j in range(1, ny - 1):
+            for k in range(1, nz - 1):
+                n = (i * ny + j) * nz + k
+                if state[n] == INSIDE:
+                    continue
+                found = False
+                for a in range(-1, 2):
+                    for b in range(-1, 2):
+                        m = n + (a * ny + b) * nz
+                        if state[m - 1] == INSIDE or state[m] == INSIDE or state[m + 1] == INSIDE:
+                            found = True
+                if found:
+                    state[n] = RING
+
+
+@njit(nogil=True, cache=True)
+def start_band(tri, box, origin, h, state, nx, ny, nz, first, last, reach, d, slot, fixed, fresh):
+    """Find exact nearest triangles for the nodes along the surface.
+
+    Nodes within `reach` of S are fixed; the others that belong to the part or its ring
+    are marked fresh, for `sweep` to fill.
+    """
+    stack = np.zeros(64, np.int64)
+    lower = np.zeros(64)
+    for i in range(first, last):
+        for j in range(ny):
+            hint = -1
+            for k in range(nz):
+                n = (i * ny + j) * nz + k
+                if state[n] == NONE:
+                    continue
+                fresh[n] = 1
+                at_surface = state[n] == RING
+                if not at_surface:
+                    at_surface = (
+                        state[n - 1] != INSIDE
+                        or state[n + 1] != INSIDE
+                        or state[n - nz] != INSIDE
+                        or state[n + nz] != INSIDE
+                        or state[n - ny * nz] != INSIDE
+                        or state[n + ny * nz] != INSIDE
+                    )
+                if not at_surface:
+                    continue
+                x, y, z = origin[0] + h * i, origin[1] + h * j, origin[2] + h * k
+                s, d2 = nearest(tri, box, x, y, z, hint, reach * reach, stack, lower)
+                if s >= 0:
+                    hint = s
+                    slot[n] = s
+                    d[n] = np.sqrt(d2)
+                    fixed[n] = 1
+                    fresh[n] = 0
+
+
+@njit(nogil=True, cache=True)
+def sweep(
+    tri,
+    corner,
+    ring_start,
+    ring,
+    origin,
+    h,
+    state,
+    ny,
+    nz,
+    first,
+    last,
+    backwards,
+    d,
+    slot,
+    fixed,
+    fresh,
+):
+    """Hand nearest triangles from node to node along the raster.
+
+    A fresh node tries the triangles of its 26 neighbours, walks from the best one to
+    the local minimum, and makes its neighbours fresh when it changed.
+
+    Returns:
+        Number of nodes that changed.
+    """
+    tried = np.zeros(26, np.int64)
+    changed = 0
+    root2, root3 = np.sqrt(2.0) * h * 1.000001, np.sqrt(3.0) * h * 1.000001
+    for ii in range(last - first):
+        i = last - 1 - ii if backwards else first + ii
+        for jj in range(1, ny - 1):
+            j = ny - 1 - jj if backwards else jj
+            for kk in range(1, nz - 1):
+                k = nz - 1 - kk if backwards else kk
+                n = (i * ny + j) * nz + k
+                if fresh[n] == 0:
+                    continue
+                fresh[n] = 0
+                x, y, z = origin[0] + h * i, origin[1] + h * j, origin[2] + h * k
+                current = slot[n]
+                reach = d[n] if current >= 0 else 1e30
+                best = current
+                count = 0
+                for a in range(-1, 2):
+                    for b in range(-1, 2):
+                        for c in range(-1, 2):
+                            m = n + (a * ny + b) * nz + c
+                            s = slot[m]
+                            if s < 0 or s == best:
+                                continue
+                            steps = abs(a) + abs(b) + abs(c)
+                            gap = h * 1.000001 if steps == 1 else (root2 if steps == 2 else root3)
+                            if d[m] - gap > reach:
+                                continue
+                            again = False
+                            for q in range(count):
+                                if tried[q] == s:
+                                    again = True
+                                    break
+                            if again:
+                                continue
+                            tried[count] = s
+                            count += 1
+                            off = (
+                                tri[s, 9] * (x - tri[s, 0])
+                                + tri[s, 10] * (y - tri[s, 1])
+                                + tri[s, 11] * (z - tri[s, 2])
+                            )
+                            if abs(off) >= reach:
+                                continue
+                            d2, _, _, _ = closest(tri, s, x, y, z)
+                            r = np.sqrt(d2)
+                            if r < reach * (1.0 - 1e-7):
+                                reach = r
+                                best = s
+                if best == current:
+                    continue
+                best, d2, _, _, _ = walk(tri, corner, ring_start, ring, best, x, y, z)
+                slot[n] = best
+                d[n] = np.sqrt(d2)
+                changed += 1
+                for a in range(-1, 2):
+                    for b in range(-1, 2):
+                        for c in range(-1, 2):
+                            m = n + (a * ny + b) * nz + c
+                            if state[m] != NONE and fixed[m] == 0 and m != n:
+                                fresh[m] = 1
+    return changed
+
+
+@njit(nogil=True, cache=True)
+def finish_nodes(
+    tri, brr_tri, brr_box, origin, h, state, ny, nz, first, last, r0, t, d, slot, gradient, level
+):
+    """Sign the distances, and compute gradients and level counts.
+
+    A node outside the part is positive where the part's nearest face is restrained
+    (the level sets go on through the restraint region) and negative elsewhere.
+    """
+    stack = np.zeros(64, np.int64)
+    lower = np.zeros(64)
+    for i in range(first, last):
+        for j in range(ny):
+            for k in range(nz):
+                n = (i * ny + j) * nz + k
+                if state[n] == NONE or slot[n] < 0:
+                    continue
+                x, y, z = origin[0] + h * i, origin[1] + h * j, origin[2] + h * k
+                s = slot[n]
+                d2, qx, qy, qz = closest(tri, s, x, y, z)
+                r = np.sqrt(d2)
+                d[n] = r
+                if r > 1e-9:
+                    gx, gy, gz = (x - qx) / r, (y - qy) / r, (z - qz) / r
+                else:
+                    gx, gy, gz = -tri[s, 9], -tri[s, 10], -tri[s, 11]
+                if state[n] == RING:
+                    positive = False
+                    if len(brr_tri) > 0:
+                        q, e2 = nearest(
+                            brr_tri, brr_box, x, y, z, -1, d2 * (1.0 + 1e-9) + 1e-18, stack, lower
+                        )
+                        if q >= 0:
+                            if e2 < d2 * (1.0 - 1e-6):
+                                positive = True
+                            else:
+                                positive = gx * tri[s, 9] + gy * tri[s, 10] + gz * tri[s, 11] < 0.0
+                    if not positive:
+                        d[n] = -r
+                        gx, gy, gz = -gx, -gy, -gz
+                gradient[n, 0] = gx
+                gradient[n, 1] = gy
+                gradient[n, 2] = gz
+                if d[n] > r0:
+                    level[n] = int(np.ceil((np.float64(d[n]) - r0) / t))

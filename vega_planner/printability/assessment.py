@@ -1,0 +1,413 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Printability filters over all layers: reach (f1), line of sight (f2), solid tool (f2s).
+
+Each vertex of each sheet is judged twice: with the nozzle on the outer side of the layer
+(the side its normals point to) and on its inner side, as a bowl is printed. On the outer
+side the tool meets the plate, the substrate and the material of deeper layers, which is
+printed before; on the inner side the plate, the substrate and what outer layers have laid
+from their inner side.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from vega_planner.datatypes import (
+    REASON_CODES,
+    Bools,
+    Floats,
+    Ints,
+    Layer,
+    LayerStack,
+    PrintabilityReport,
+)
+from vega_planner.parallel import map_threads
+from vega_planner.printability.islands import neighbours_of, without_islands
+from vega_planner.printability.line_of_sight import Occluder
+from vega_planner.printability.material import EMPTY, DistanceField, Material, mesh_field
+from vega_planner.printability.orientation import orient, tilt_of
+from vega_planner.printability.reasons import reasons_of
+from vega_planner.printability.tool_shape import ToolShape
+from vega_planner.progress import Progress, Report
+from vega_planner.settings import PrintabilitySettings
+
+if TYPE_CHECKING:
+    from vega_planner.robot.workcell import Workcell
+
+OUTSIDE, INSIDE, NEITHER = 1, -1, 0
+
+#: Against its own layer the tool counts from here on [mm]: nearer the tip the layer is
+#: what the tool stands on.
+OWN_LAYER_MM = 6.0
+
+#: Regions smaller than this many squared layer thicknesses are noise of the labels.
+ISLAND = 9.0
+
+#: Bead width over layer thickness, where only the layer is known; the paper's.
+WIDTH_RATIO = 1.5
+
+#: Downward share of the normal from which on a face lies on the substrate or the layer
+#: under it, and from which on it lies on the plate. (The foot of a leaning wall does not.)
+FACES_DOWN, LIES_ON_PLATE = 0.03, 0.5
+
+#: Sheets judged between two reports of progress.
+AT_ONCE = 8
+
+#: Area that may be lost to slivers and still count as printable.
+NEGLIGIBLE_RATIO = 2e-3
+
+_CODE = {name: 1 + index for index, name in enumerate(REASON_CODES)}
+
+
+@dataclass(frozen=True, eq=False)
+class Side:
+    """One side of a sheet as the nozzle sees it.
+
+    Attributes:
+        axes: Unit tool axes at the vertices, shape (n, 3).
+        code: 0 where printable from this side, else 1 + index into `REASON_CODES`, (n,).
+        reachable: True where the robot gets there (f1), shape (n,).
+        seen: True where the line along the tool meets nothing of the layer (f2), (n,).
+        clear: True where the solid tool is clear (f2s), shape (n,).
+    """
+
+    axes: Floats
+    code: Ints
+    reachable: Bools
+    seen: Bools
+    clear: Bools
+
+    @property
+    def printable(self) -> Bools:
+        """True for the vertices that can be printed from this side, shape (n,)."""
+        return self.code == 0
+
+
+@dataclass(frozen=True, eq=False)
+class SheetAssessment:
+    """Judgement of one sheet.
+
+    Attributes:
+        outside: The side the normals point to.
+        inside: The other side; None where the outer one serves everywhere.
+        side: Side each face is printed from: 1 outside, -1 inside, 0 neither, shape (m,).
+    """
+
+    outside: Side
+    inside: Side | None
+    side: Ints
+
+
+@dataclass(frozen=True, eq=False)
+class Assessment:
+    """Outcome of the filters, with what splitting and ordering need.
+
+    Attributes:
+        report: The outcome by area.
+        sheets: One judgement per sheet of the stack.
+        surroundings: Distance field of the substrate; empty without one.
+        material: The part's material by sheet.
+    """
+
+    report: PrintabilityReport
+    sheets: tuple[SheetAssessment, ...]
+    surroundings: DistanceField
+    material: Material
+
+
+def stage_height(stack: LayerStack) -> float:
+    """Choose the finest grid spacing that matches the layers' thickness [mm]."""
+    return float(min(0.8, stack.thickness_mm))
+
+
+def printed_before(stack: LayerStack, sheet: int) -> Bools:
+    """Mark the sheets that are printed before the outer side of a sheet.
+
+    Envelopes grow from the inside out and planar layers from the bottom up.
+    """
+    index = np.arange(len(stack.sheets))
+    if stack.sheets[sheet].kind == "planar":
+        return index < sheet
+    return index > sheet
+
+
+def assess_printability(
+    stack: LayerStack, cell: Workcell, settings: PrintabilitySettings, report: Report
+) -> Assessment:
+    """Judge every layer: can it be printed, from which side, with which tool axes.
+
+    Args:
+        stack: The layers.
+        cell: Robot, tool, placement and substrate.
+        settings: Orientation policy and limits.
+        report: Receives progress; may raise `Cancelled`.
+
+    Returns:
+        The judgement of each sheet and the report over all.
+
+    Source:
+        VEGA paper, section II, F_p = f1 and f2; the solid check f2s is added here.
+    """
+    sheets = stack.sheets
+    tool = ToolShape.of(cell.tool)
+    bulk = ToolShape.of(cell.tool, OWN_LAYER_MM)
+    material = Material(stack.part, sheets, stage_height(stack))
+    surroundings = EMPTY
+    if cell.substrate is not None:
+        surroundings = mesh_field(cell.substrate, stage_height(stack))
+    report(Progress("printability", 0.1))
+    stages = [printed_before(stack, sheet) for sheet in range(len(sheets))]
+    material.prepare(stages)
+
+    def judge(sheet: int, bowl: DistanceField = EMPTY, closed: Ints | None = None) -> Side:
+        layer, before = sheets[sheet], stages[sheet]
+        own = before.copy()
+        own[sheet] = True
+        fields = [
+            (surroundings, tool, "substrate"),
+            (material.field_of(before), tool, "printed_part"),
+            (bowl, tool, "printed_part"),
+            (material.field_of(own), bulk, "own_layer"),
+        ]
+        return judge_side(layer, layer.vertex_normals, fields, cell, settings, closed)
+
+    outside: list[Side] = []
+    if not any(_held_from_below(x, EMPTY, surroundings, cell).any() for x in sheets):
+        # nothing lies on anything with its outer side: the sheets do not touch each other
+        for first in range(0, len(sheets), AT_ONCE):
+            outside += map_threads(judge, range(first, min(first + AT_ONCE, len(sheets))))
+            report(Progress("printability", 0.2 + 0.5 * len(outside) / len(sheets)))
+    # what is laid from inside: filled from the outermost layer inwards
+    laid = np.zeros(material.first[-1], np.bool_)
+    judged = []
+    for number, layer in enumerate(sheets):
+        bowl = material.field_of_faces(laid) if laid.any() else EMPTY
+        held = _held_from_below(layer, bowl, surroundings, cell)
+        if outside and bowl is EMPTY:
+            side_out = outside[number]
+        else:
+            # outer layers laid from inside stand there before the outer side of this one
+            side_out = judge(number, bowl, _covered(layer, held, bowl, surroundings))
+        label, inner = _face_labels(layer, side_out, None, held), None
+        if (label == NEITHER).any() or held.any():
+            fields = [(surroundings, tool, "substrate"), (bowl, tool, "printed_part")]
+            unused = np.where(side_out.printable & ~held, _CODE["own_layer"], 0)
+            inner = judge_side(
+                layer, -layer.vertex_normals, fields, cell, settings, unused, see=False
+            )
+            label = _face_labels(layer, side_out, inner, held)
+        label = _without_noise(layer, label)
+        laid[material.first[number] : material.first[number + 1]] = label == INSIDE
+        judged.append(SheetAssessment(side_out, inner, label))
+        report(Progress("printability", 0.7 + 0.3 * (number + 1) / len(sheets)))
+    summary = _summarise(stack, judged, cell, settings)
+    return Assessment(summary, tuple(judged), surroundings, material)
+
+
+def _covered(layer: Layer, held: Bools, bowl: DistanceField, surroundings: DistanceField) -> Ints:
+    """Reason code of the vertices on whose outer side something lies, 0 elsewhere.
+
+    Where the next layer out is there already, no tip fits in, however it is turned.
+    """
+    code = np.where(held, _CODE["plate"], 0)
+    outward = layer.vertices + layer.thickness[:, None] * layer.vertex_normals
+    for field, name in ((surroundings, "substrate"), (bowl, "printed_part")):
+        if field is not EMPTY:
+            code[field.distance(outward) < 0.25 * layer.thickness] = _CODE[name]
+    return code
+
+
+def judge_side(
+    layer: Layer,
+    normals: Floats,
+    fields: list[tuple[DistanceField, ToolShape, str]],
+    cell: Workcell,
+    settings: PrintabilitySettings,
+    closed: Ints | None = None,
+    see: bool = True,
+) -> Side:
+    """Apply f1, f2 and f2s to one side of a sheet.
+
+    Args:
+        layer: The sheet.
+        normals: Unit normals on the side of the nozzle, shape (n, 3).
+        fields: What is there: its distance field, the tool to hold against it, and the
+            reason code where it is hit.
+        cell: Robot, tool and placement.
+        settings: Policy and limits.
+        closed: Reason code of vertices that something touches on this side, 0 elsewhere,
+            shape (n,); no tool is tried there.
+        see: Whether to apply f2 against the layer itself.
+    """
+    points = layer.vertices
+    shape = fields[0][1]
+    if closed is None:
+        closed = np.zeros(len(points), np.int64)
+    wanted = settings.clearance_mm
+
+    def clearance(index: Ints, tips: Floats, axes: Floats) -> Floats:
+        gap = np.where(closed[index] > 0, -np.inf, np.inf)
+        todo = np.flatnonzero(gap > 0)
+        for field, tool, _ in fields:
+            if field is not EMPTY and len(todo):
+                gap[todo] = field.clearance(tool, tips[todo], axes[todo], wanted, wanted)
+                todo = todo[gap[todo] >= wanted]
+        return gap
+
+    limit = plate_tilt_limit(points, normals, layer.thickness, shape, cell, wanted)
+    limit[closed > 0] = -1.0
+    oriented = orient(points, layer.faces, normals, limit, clearance, settings)
+    axes = oriented.axes
+    code = np.zeros(len(points), np.int64)
+    reach = cell.robot.reach_reason(*cell.to_base(points, axes))
+    reachable = reach == 0
+    seen = np.ones(len(points), np.bool_)
+    if see:
+        # half the bead is the layer itself: the line counts from its surface on
+        offset = 0.5 * float(np.median(layer.thickness))
+        seen = ~Occluder(layer).blocks(points, axes, offset)
+    if not oriented.clear.all():
+        missed = np.flatnonzero(~oriented.clear)
+        code[missed] = _CODE["plate"]
+        for field, tool, name in fields:
+            gap = field.clearance(tool, points[missed], axes[missed], wanted, wanted)
+            code[missed[gap < wanted]] = _CODE[name]
+        code[closed > 0] = closed[closed > 0]
+    code[~seen] = _CODE["own_layer"]
+    lean = np.einsum("ij,ij->i", axes, normals) < np.cos(np.radians(settings.max_lean_deg)) - 1e-9
+    steep = tilt_of(normals) > np.radians(90 + settings.max_overhang_deg) + 1e-9
+    if settings.orientation == "vertical":
+        lean &= steep
+    code[(code == 0) & (lean | steep)] = _CODE["no_support"]
+    code[reach == 2] = _CODE["wrist_limit"]
+    code[reach == 1] = _CODE["out_of_travel"]
+    return Side(axes, code, reachable, seen, oriented.clear)
+
+
+def plate_tilt_limit(
+    points: Floats,
+    normals: Floats,
+    thickness: Floats,
+    tool: ToolShape,
+    cell: Workcell,
+    clearance_mm: float,
+) -> Floats:
+    """Find the largest tilt the plate leaves at points of a sheet [rad].
+
+    Beads are set in from a rim by half their width w, so a rim that lies on the plate is
+    judged where its first bead will be: at the height w/2 sin(slope), and no lower than
+    half a layer. Here w is 1.5 t, the paper's proportion. The tip itself may come as near
+    as a quarter of the layer.
+
+    Args:
+        points: Points on the middle surface [mm], shape (n, 3).
+        normals: Unit normals there, shape (n, 3).
+        thickness: Local layer thickness [mm], shape (n,).
+        tool: The tool.
+        cell: Placement of the part over the plate.
+        clearance_mm: Distance the tool keeps.
+
+    Returns:
+        Largest tilts [rad], shape (n,); negative where even the upright tool is too low.
+    """
+    slope = np.hypot(normals[:, 0], normals[:, 1])
+    first_bead = np.maximum(0.5, 0.5 * WIDTH_RATIO * slope) * thickness
+    height = np.maximum(points[:, 2] - cell.placement.plate_z_mm, first_bead)
+    least = float(thickness.min()) if len(thickness) else clearance_mm
+    return tool.largest_tilt(height, min(clearance_mm, 0.25 * least))
+
+
+def _held_from_below(
+    layer: Layer, bowl: DistanceField, surroundings: DistanceField, cell: Workcell
+) -> Bools:
+    """Mark the vertices that face down onto the plate, the substrate or a layer laid there."""
+    held = layer.vertex_normals[:, 2] < -FACES_DOWN
+    index = np.flatnonzero(held)
+    thickness = layer.thickness[index]
+    under = layer.vertices[index] + thickness[:, None] * layer.vertex_normals[index]
+    held[index] = (
+        (
+            (under[:, 2] <= cell.placement.plate_z_mm)
+            & (layer.vertex_normals[index, 2] < -LIES_ON_PLATE)
+        )
+        | (surroundings.distance(under) < 0.25 * thickness)
+        | (bowl.distance(under) < 0.25 * thickness)
+    )
+    return held
+
+
+def _face_labels(layer: Layer, outside: Side, inside: Side | None, held: Bools) -> Ints:
+    """Choose the side each face is printed from, by the majority of its corners.
+
+    What faces down and lies on something is printed from inside, as a bowl is, where that
+    can be done; all else from outside where that can be done.
+    """
+    faces = layer.faces
+    out = outside.printable[faces].sum(1) >= 2
+    label = np.where(out, OUTSIDE, NEITHER)
+    if inside is not None:
+        within = inside.printable[faces].sum(1) >= 2
+        label[within & (~out | (held[faces].sum(1) >= 2))] = INSIDE
+    return label
+
+
+def _without_noise(layer: Layer, label: Ints) -> Ints:
+    """Give regions too small for a few beads the side of what surrounds them."""
+    if (label == label[0]).all():
+        return label
+    island = ISLAND * float(np.median(layer.thickness)) ** 2
+    return without_islands(neighbours_of(layer), layer.face_areas, label, island)
+
+
+def _summarise(
+    stack: LayerStack,
+    judged: list[SheetAssessment],
+    cell: Workcell,
+    settings: PrintabilitySettings,
+) -> PrintabilityReport:
+    total = reach = access = clear = printable = 0.0
+    split = 0
+    codes = []
+    for layer, sheet in zip(stack.sheets, judged):
+        area, faces = layer.face_areas, layer.faces
+        total += layer.area
+        sides = [sheet.outside] + ([sheet.inside] if sheet.inside is not None else [])
+        reach += _area_where(area, faces, np.any([s.reachable for s in sides], axis=0))
+        access += _area_where(area, faces, sheet.outside.seen | _used(layer, sheet, INSIDE))
+        clear += _area_where(area, faces, np.any([s.clear for s in sides], axis=0))
+        printable += float(area[sheet.side != NEITHER].sum())
+        split += len(np.unique(sheet.side[sheet.side != NEITHER])) > 1
+        code = np.zeros(len(faces), np.int64)
+        bad = np.flatnonzero(sheet.side == NEITHER)
+        code[bad] = sheet.outside.code[faces[bad]].max(1)
+        codes.append(code)
+    whole = all((sheet.side == OUTSIDE).all() for sheet in judged)
+    total = max(total, 1e-300)
+    status = "fully" if whole else "conditionally"
+    if printable < (1 - NEGLIGIBLE_RATIO) * total:
+        status = "not"
+    return PrintabilityReport(
+        status=status,
+        reachable_ratio=reach / total,
+        accessible_ratio=access / total,
+        collision_free_ratio=clear / total,
+        split_layers=split,
+        reasons=reasons_of(stack, codes, judged, cell, settings),
+        face_reasons=tuple(codes),
+    )
+
+
+def _used(layer: Layer, sheet: SheetAssessment, side: int) -> Bools:
+    """Mark the vertices of the faces that are printed from a side."""
+    mark = np.zeros(len(layer.vertices), np.bool_)
+    mark[layer.faces[sheet.side == side].ravel()] = True
+    return mark
+
+
+def _area_where(areas: Floats, faces: Ints, good: Bools) -> float:
+    if good.all():
+        return float(areas.sum())
+    return float((areas * good[faces].mean(1)).sum())

@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Kernels for the connectivity of a triangle mesh: edges, stars and rims.
+
+All are linear in the number of faces, since a vertex has few neighbours.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+
+@njit(nogil=True, cache=True)
+def vertex_stars(faces, count):
+    """List the faces around each vertex.
+
+    Args:
+        faces: Vertex indices, shape (m, 3).
+        count: Number of vertices n.
+
+    Returns:
+        Offsets of shape (n + 1,) and face indices of shape (3 m,): the faces around
+        vertex v are `star[offsets[v]:offsets[v + 1]]`, rising.
+    """
+    offsets = np.zeros(count + 1, np.int64)
+    for t in range(faces.shape[0]):
+        for c in range(3):
+            offsets[faces[t, c] + 1] += 1
+    for v in range(count):
+        offsets[v + 1] += offsets[v]
+    star = np.empty(offsets[count], np.int64)
+    place = offsets[:-1].copy()
+    for t in range(faces.shape[0]):
+        for c in range(3):
+            v = faces[t, c]
+            star[place[v]] = t
+            place[v] += 1
+    return offsets, star
+
+
+@njit(nogil=True, cache=True)
+def unique_edges(faces, offsets, star):
+    """Number the edges of a mesh.
+
+    Args:
+        faces: Vertex indices, shape (m, 3).
+        offsets: Offsets of the stars.
+        star: Faces of the stars.
+
+    Returns:
+        Edge ends of shape (e, 2), as the first face runs along the edge; the edges of
+        each face, shape (m, 3), edge c joining corners c and c + 1; and the two faces
+        of each edge, shape (e, 2), the second -1 at a rim.
+    """
+    count = faces.shape[0]
+    ends = np.empty((3 * count, 2), np.int64)
+    sides = np.full((3 * count, 2), -1, np.int64)
+    face_edges = np.full((count, 3), -1, np.int64)
+    n = 0
+    for t in range(count):
+        for c in range(3):
+            i = faces[t, c]
+            j = faces[t, (c + 1) % 3]
+            found = -1
+            for q in range(offsets[i], offsets[i + 1]):
+                other = star[q]
+                if other >= t:
+                    break
+                for k in range(3):
+                    x = faces[other, k]
+                    y = faces[other, (k + 1) % 3]
+                    if (x == i and y == j) or (x == j and y == i):
+                        found = face_edges[other, k]
+                if found >= 0:
+                    break
+            if found < 0:
+                found = n
+                ends[n, 0] = i
+                ends[n, 1] = j
+                sides[n, 0] = t
+                n += 1
+            elif sides[found, 1] < 0:
+                sides[found, 1] = t
+            face_edges[t, c] = found
+    return ends[:n].copy(), face_edges, sides[:n].copy()
+
+
+@njit(nogil=True, cache=True)
+def find_root(parent, v):
+    """Find the root of a union-find tree, halving the path on the way."""
+    while parent[v] != v:
+        parent[v] = parent[parent[v]]
+        v = parent[v]
+    return v
+
+
+@njit(nogil=True, cache=True)
+def label_components(ends, labels, count):
+    """Join vertices that share an edge and a label.
+
+    Args:
+        ends: Edge ends, shape (e, 2).
+        labels: Integers of the vertices, shape (n,); only equal ones are joined.
+        count: Number of vertices n.
+
+    Returns:
+        Component of each vertex, numbered from 0 in the order of the lowest vertex,
+        shape (n,), and the number of components.
+    """
+    parent = np.arange(count)
+    for e in range(ends.shape[0]):
+        if labels[ends[e, 0]] == labels[ends[e, 1]]:
+            a = find_root(parent, ends[e, 0])
+            b = find_root(parent, ends[e, 1])
+            if a < b:
+                parent[b] = a
+            elif b < a:
+                parent[a] = b
+    component = np.empty(count, np.int64)
+    n = 0
+    for v in range(count):
+        root = find_root(parent, v)
+        if root == v:
+            component[v] = n
+            n += 1
+        else:
+            component[v] = component[root]
+    return component, n

@@ -1,0 +1,400 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Runs a job along its path parameter.
+
+Pause, resume, stop and speed override change the rate of the parameter within a ramp and
+never the path, so that motion continues as if nothing had happened. The dispenser is on
+where the job says so, the rate is above a floor, and nothing speaks against it; that is
+decided here, cycle by cycle, and nowhere else.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vega_planner.datatypes import Floats
+from vega_planner.errors import Busy, Faulted, InvalidInput, Refused
+from vega_robot_driver.approach import joint_route
+from vega_robot_driver.checkpoint import Checkpoint
+from vega_robot_driver.dispenser.base import Dispenser
+from vega_robot_driver.job import PrintJob
+from vega_robot_driver.motion.base import MotionController
+
+#: States of the machine, in the order of their numbers on the status page.
+STATES = ("off", "idle", "printing", "pausing", "paused", "stopping", "stopped", "done", "fault")
+
+#: Rate of the path parameter below which nothing is dispensed.
+RATE_FLOOR = 0.05
+#: Largest distance between the axes and the path's first point at the start [m, rad].
+START_TOLERANCE = 2e-3
+#: Share by which a target may exceed a speed limit before the machine stops.
+SPEED_MARGIN = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Limits:
+    """What the axes may do, checked at the last step before the wire.
+
+    Attributes:
+        lower: Lowest positions [m, rad], shape (j,).
+        upper: Highest positions, shape (j,).
+        velocity: Highest speeds [m/s, rad/s], shape (j,).
+    """
+
+    lower: Floats
+    upper: Floats
+    velocity: Floats
+
+
+class Executor:
+    """One machine and the path it follows.
+
+    Args:
+        motion: The axes.
+        dispenser: The dispenser.
+        limits: What the axes may do.
+        ramp_s: Time in which the rate goes from 0 to 1 and back.
+    """
+
+    def __init__(
+        self,
+        motion: MotionController,
+        dispenser: Dispenser,
+        limits: Limits,
+        *,
+        ramp_s: float = 0.1,
+    ) -> None:
+        self.motion, self.dispenser, self.limits = motion, dispenser, limits
+        self._ramp = motion.dt / ramp_s
+        self.state = "off"
+        self.detail = ""
+        self.job: PrintJob | None = None
+        self.digest = ""
+        self.positions = np.zeros(len(motion.joint_names))
+        self.targets = self.positions.copy()
+        self.gate = False
+        self.pressure = 0.0
+        self.cycles = 0
+        self.override = 1.0
+        self.start_u = 0.0
+        self._state = np.zeros(5)
+        self._arrays: tuple[Floats, Floats, Floats, Floats] | None = None
+
+    # -- requests -----------------------------------------------------------------------
+
+    def enable(self) -> None:
+        """Power the axes and hold them.
+
+        Raises:
+            Faulted: If the machine is in its fault state, or an axis does not come up.
+        """
+        if self.state == "fault":
+            raise Faulted(f"the machine is in its fault state: {self.detail}")
+        if self.state != "off":
+            return
+        feedback = self.motion.enable()
+        if feedback.fault:
+            raise Faulted(feedback.fault)
+        self.positions, self.targets = feedback.positions, feedback.positions.copy()
+        self.state, self.detail = "idle", ""
+
+    def disable(self) -> None:
+        """Take the power from axes that stand still.
+
+        Raises:
+            Busy: If they move.
+        """
+        if self.moving:
+            raise Busy("the axes move; stop first")
+        self.motion.disable()
+        if self.state != "fault":
+            self.state = "off"
+
+    def load(
+        self,
+        job: PrintJob,
+        *,
+        start_u: float = 0.0,
+        waypoints: Floats | None = None,
+        lead_s: float = 0.0,
+        lag_s: float = 0.0,
+        overlap_s: float = 0.0,
+    ) -> None:
+        """Take a job that `check_job` has passed, to be started by `run`.
+
+        Args:
+            job: The job.
+            start_u: Path time from which it is printed.
+            waypoints: Joint configurations to pass on the way there, shape (m, j).
+            lead_s: Time by which the dispenser goes on before a bead starts.
+            lag_s: Time by which it goes off before a bead ends.
+            overlap_s: Time before `start_u` at which the path is joined, without
+                deposition.
+
+        Raises:
+            Busy: If a job runs.
+            Refused: If the axes are not powered.
+        """
+        if self.moving or self.state in ("printing", "pausing", "paused", "stopping"):
+            raise Busy(f"job {self.digest[:12]} is {self.state}")
+        if self.state in ("off", "fault"):
+            raise Refused(f"the machine is {self.state} {self.detail}".rstrip())
+        join_u = max(start_u - overlap_s, 0.0)
+        times, positions, velocities = _joined(job, join_u)
+        route = [self.positions, *(() if waypoints is None else waypoints), positions[0]]
+        t, p, v = joint_route(np.array(route), self.limits.velocity)
+        # The approach ends at rest; the first interval of the path leaves from rest too.
+        velocities[0] = 0.0
+        spans = job.intervals(lead_s=lead_s, lag_s=lag_s)
+        spans = np.maximum(spans[spans[:, 1] > start_u + 1e-9], start_u)
+        self._arrays = (
+            np.concatenate([t[:-1] - t[-1] + join_u, times]),
+            np.concatenate([p[:-1], positions]),
+            np.concatenate([v[:-1], velocities]),
+            np.ascontiguousarray(spans),
+        )
+        self.job, self.digest, self.start_u = job, job.digest(), start_u
+        self._state[:] = self._arrays[0][0], 0.0, 0.0, 0.0, start_u
+        self.state, self.detail = "idle", ""
+
+    def run(self, override: float = 1.0) -> None:
+        """Start the loaded job.
+
+        Raises:
+            Refused: If none is loaded, or the axes are not where it starts.
+        """
+        if self._arrays is None or self.state != "idle":
+            raise Refused(f"nothing to start; the machine is {self.state}")
+        gap = np.abs(self._arrays[1][0] - self.positions).max()
+        if gap > START_TOLERANCE:
+            raise Refused(f"the axes are {gap:g} from the start; allowed: {START_TOLERANCE:g}")
+        self.override = min(max(override, 0.05), 1.0)
+        self.state = "printing"
+
+    def pause(self) -> None:
+        """Ramp down along the path and hold; deposition goes on until standstill.
+
+        Raises:
+            Refused: If nothing runs.
+        """
+        if self.state not in ("printing", "pausing", "paused"):
+            raise Refused(f"nothing to pause; the machine is {self.state}")
+        if self.state == "printing":
+            self.state, self.detail = "pausing", "paused on request"
+
+    def resume(self) -> None:
+        """Go on from where `pause` stopped.
+
+        Raises:
+            Refused: If nothing is paused.
+        """
+        if self.state not in ("pausing", "paused", "printing"):
+            raise Refused(f"nothing to resume; the machine is {self.state}")
+        self.state, self.detail = "printing", ""
+
+    def stop(self, reason: str = "stopped on request") -> None:
+        """Ramp down along the path with the dispenser off, and give the job up."""
+        if self.state in ("printing", "pausing"):
+            self.state, self.detail = "stopping", reason
+        elif self.state == "paused":
+            self.state, self.detail = "stopped", reason
+
+    def fail(self, reason: str) -> None:
+        """Latch a fault: all axes stop quickly, the dispenser is off."""
+        if self.state != "fault":
+            self.state, self.detail, self.gate = "fault", reason, False
+
+    def reset_fault(self) -> None:
+        """Leave the fault state, without power; only on an explicit request."""
+        if self.state == "fault":
+            self.motion.reset_fault()
+            self._arrays = None
+            self.state, self.detail = "off", ""
+
+    # -- cycles -------------------------------------------------------------------------
+
+    def advance(self, cycles: int) -> None:
+        """Exchange a number of cycles with the axes and the dispenser."""
+        joints = len(self.positions)
+        gate, done_before = np.zeros(cycles, np.bool_), self.done_u
+        if self.state == "fault":
+            self._fault_cycles(cycles)
+        elif self.state == "off":
+            feedback = self.motion.exchange(
+                np.tile(self.positions, (cycles, 1)), np.zeros((cycles, joints)), gate
+            )
+            self.positions = self.targets = feedback.positions
+        else:
+            targets, speeds = np.empty((cycles, joints)), np.zeros((cycles, joints))
+            if self._arrays is None or self.state in ("idle", "stopped", "done"):
+                targets[:] = self.targets
+            else:
+                self._follow(targets, speeds, gate)
+            if self._within_limits(targets):
+                self._exchange(targets, speeds, gate, done_before)
+            else:
+                self._fault_cycles(cycles)
+        self.gate = bool(gate[-1]) and self.state != "fault"
+        self.pressure = self.dispenser.follow(gate, self.motion.dt)
+        self.cycles += cycles
+
+    def _follow(self, targets: Floats, speeds: Floats, gate: np.ndarray) -> None:
+        from vega_robot_driver.kernels import follow
+
+        assert self._arrays is not None
+        want = self.override if self.state == "printing" else 0.0
+        allowed = self.state in ("printing", "pausing", "paused")
+        dt = self.motion.dt
+        follow(
+            *self._arrays,
+            self._state,
+            want,
+            self._ramp,
+            allowed,
+            RATE_FLOOR,
+            dt,
+            targets,
+            speeds,
+            gate,
+        )
+        if self.u >= self._arrays[0][-1]:
+            self.state, self.detail = "done", ""
+        elif self.rate == 0.0 and self.state == "pausing":
+            self.state = "paused"
+        elif self.rate == 0.0 and self.state == "stopping":
+            self.state = "stopped"
+
+    def _exchange(
+        self, targets: Floats, speeds: Floats, gate: np.ndarray, done_before: float
+    ) -> None:
+        feedback = self.motion.exchange(targets, speeds, gate)
+        self.targets = targets[-1].copy()
+        self.positions = feedback.positions
+        if feedback.fault:
+            self.fail(feedback.fault)
+            gate[:] = False
+            self._state[4] = done_before
+
+    def _fault_cycles(self, cycles: int) -> None:
+        for _ in range(cycles):
+            feedback = self.motion.stop_quickly()
+            still = not np.abs(feedback.velocities).any()
+            self.positions = self.targets = feedback.positions
+            self._state[1] = 0.0
+            if still:
+                break
+
+    def _within_limits(self, targets: Floats) -> bool:
+        limits, names = self.limits, self.motion.joint_names
+        low, high = targets.min(0), targets.max(0)
+        outside = (low < limits.lower - 1e-9) | (high > limits.upper + 1e-9)
+        if outside.any():
+            k = int(np.argmax(outside))
+            self.fail(
+                f"{names[k]} was sent to {low[k]:g} .. {high[k]:g}; "
+                f"limits {limits.lower[k]:g} .. {limits.upper[k]:g}"
+            )
+            return False
+        rows = np.vstack([self.targets, targets])
+        speed = np.abs(np.diff(rows, axis=0)).max(0) / self.motion.dt
+        fast = speed > limits.velocity * (1 + SPEED_MARGIN)
+        if fast.any():
+            k = int(np.argmax(fast))
+            self.fail(f"{names[k]} was sent at {speed[k]:g} /s; limit {limits.velocity[k]:g}")
+            return False
+        return True
+
+    def check_job(self, job: PrintJob) -> None:
+        """Check the whole of a job against the machine, before it moves.
+
+        Raises:
+            InvalidInput: If it has other joints, or leaves a limit anywhere.
+        """
+        names, limits = self.motion.joint_names, self.limits
+        if job.joint_names != names:
+            raise InvalidInput(
+                f"the job moves {', '.join(job.joint_names)}; the machine has {', '.join(names)}"
+            )
+        lowest, highest, fastest, when = job.extremes(self.motion.dt)
+        outside = (lowest < limits.lower - 1e-9) | (highest > limits.upper + 1e-9)
+        if outside.any():
+            k = int(np.argmax(outside))
+            raise InvalidInput(
+                f"the job sends {names[k]} to {lowest[k]:g} .. {highest[k]:g}; "
+                f"limits {limits.lower[k]:g} .. {limits.upper[k]:g}"
+            )
+        fast = fastest > limits.velocity * (1 + SPEED_MARGIN)
+        if fast.any():
+            k = int(np.argmax(fast))
+            raise InvalidInput(
+                f"the job moves {names[k]} at {fastest[k]:g} /s, {when[k]:.2f} s after its "
+                f"start; limit {limits.velocity[k]:g}"
+            )
+
+    # -- state --------------------------------------------------------------------------
+
+    @property
+    def u(self) -> float:
+        """Path time [s]; below the job's start while approaching it."""
+        return float(self._state[0])
+
+    @property
+    def rate(self) -> float:
+        """Rate of the path time against the clock."""
+        return float(self._state[1])
+
+    @property
+    def done_u(self) -> float:
+        """Path time up to which everything that should be deposited is [s]."""
+        return float(self._state[4])
+
+    @property
+    def moving(self) -> bool:
+        """Whether the path parameter moves."""
+        return self._arrays is not None and self.rate > 0.0
+
+    @property
+    def path(self) -> int:
+        """Pass the path time is in, -1 on travel."""
+        if self.job is None or self.u < self.start_u:
+            return -1
+        index = int(np.searchsorted(self.job.times, self.u, side="left"))
+        return int(self.job.path_id[min(index, len(self.job.times) - 1)])
+
+    @property
+    def paths_done(self) -> int:
+        """Number of passes completed."""
+        if self.job is None:
+            return 0
+        return int(np.searchsorted(self.job.path_ends, self.done_u + 1e-9, side="right"))
+
+    def checkpoint(self) -> Checkpoint:
+        """What has to survive a crash."""
+        return Checkpoint(
+            job=self.digest,
+            done=self.done_u,
+            path=self.path,
+            paths_done=self.paths_done,
+            dispensing=self.gate,
+            homing_epoch=self.motion.homing_epoch,
+            state=self.state,
+            reason=self.detail,
+        )
+
+
+def _joined(job: PrintJob, start: float) -> tuple[Floats, Floats, Floats]:
+    """Cut a job's samples at a path time, with a new sample exactly there."""
+    from vega_robot_driver.kernels import find, hermite
+
+    if start <= job.times[0]:
+        return job.times.copy(), job.positions.copy(), job.velocities.copy()
+    index = find(job.times, start, 0)
+    place, speed = np.empty(job.positions.shape[1]), np.empty(job.positions.shape[1])
+    hermite(job.times, job.positions, job.velocities, start, index, place, speed)
+    rest = slice(index + 1, None)
+    return (
+        np.concatenate([[start], job.times[rest]]),
+        np.concatenate([place[None], job.positions[rest]]),
+        np.concatenate([speed[None], job.velocities[rest]]),
+    )

@@ -1,0 +1,337 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The real-time process: sole owner of axes, fault latch and dispenser gate.
+
+Runs as `python -m vega_robot_driver.process STATE_FOLDER`. It keeps an absolute schedule,
+takes requests from one client between cycles, and shows its state on the status page. When
+the client hangs up or falls silent, it stops along the path with the dispenser off and
+holds the axes: nothing outside this process is needed for that.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import os
+import queue
+import signal
+import sys
+import time
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vega_planner.errors import DriverError, InvalidInput, VegaError
+from vega_robot_driver.checkpoint import CheckpointWriter
+from vega_robot_driver.executor import STATES
+from vega_robot_driver.job import PrintJob
+from vega_robot_driver.link import RequestServer
+from vega_robot_driver.machine import Machine, build_executor, read_machine
+from vega_robot_driver.status import StatusPage
+
+#: Time between two wake-ups of a simulation [s].
+SIMULATION_PERIOD = 0.005
+#: Time between two checkpoints while printing [s].
+CHECKPOINT_PERIOD = 0.2
+#: Overruns in a row after which the machine stops.
+MOST_OVERRUNS = 25
+
+
+class RealTimeLoop:
+    """Cycles, requests and status of one machine.
+
+    Args:
+        machine: Description of the machine.
+        folder: State folder.
+    """
+
+    def __init__(self, machine: Machine, folder: Path) -> None:
+        self._machine, self._folder = machine, folder
+        self._executor = build_executor(machine, folder)
+        self._page = StatusPage(folder, create=True)
+        self._checkpoints = CheckpointWriter(folder / "checkpoint.json")
+        self._requests: queue.SimpleQueue = queue.SimpleQueue()
+        self._server = RequestServer(folder, self._ask)
+        self._had_client = False
+        self._alone_since = time.monotonic()
+        self._ended = False
+        self._last_checkpoint = (0.0, -2, "")
+        self._idle_on = self._overruns = self._overrun_streak = 0
+        self._late = np.zeros(1000)
+        self._late_count = 0
+        self._percentiles = [0.0, 0.0, 0.0]
+
+    def run(self) -> None:
+        """Run until a client says to shut down, or nobody came back."""
+        executor, batched = self._executor, self._executor.motion.batched
+        executor.motion.open()
+        try:
+            executor.dispenser.open()
+            self._warm_up()
+            self._server.start()
+            scale = self._machine.time_scale if batched else 1.0
+            period = SIMULATION_PERIOD if batched else executor.motion.dt
+            cycles = max(1, round(period * scale / executor.motion.dt)) if batched else 1
+            if batched:
+                period = cycles * executor.motion.dt / scale
+            _raise_priority(batched)
+            gc.collect()
+            gc.freeze()
+            gc.disable()
+            wake = time.monotonic()
+            while not self._ended:
+                wake = self._wait(wake + period, period, batched)
+                answers = self._handle_requests()
+                self._watch_client()
+                executor.advance(cycles)
+                self._record()
+                for answer, value in answers:  # who got an answer finds its effect on the page
+                    answer.put(value)
+        finally:
+            self._close()
+
+    def end(self, *_: object) -> None:
+        """Stop soon: the way out for signals."""
+        self._executor.stop("the real-time process was told to end")
+        self._ended = True
+
+    # -- schedule -----------------------------------------------------------------------
+
+    def _wait(self, wake: float, period: float, batched: bool) -> float:
+        ahead = wake - time.monotonic()
+        if ahead > 0:
+            time.sleep(ahead)
+        late = time.monotonic() - wake
+        self._late[self._late_count % len(self._late)] = late
+        self._late_count += 1
+        if late <= period:
+            self._overrun_streak = 0
+            return wake
+        self._overruns += 1
+        self._overrun_streak += 1
+        if not batched and self._overrun_streak >= MOST_OVERRUNS:
+            self._executor.fail(f"{MOST_OVERRUNS} cycles in a row began late")
+        return time.monotonic()  # the missed cycles are not made up for
+
+    def _warm_up(self) -> None:
+        """Load the kernels before the first client comes."""
+        from vega_robot_driver import kernels
+
+        n = len(self._machine.joint_names)
+        times, rows = np.array([0.0, 1.0]), np.zeros((2, n))
+        out, gate = np.zeros((1, n)), np.zeros(1, np.bool_)
+        path = (times, rows, rows, np.zeros((0, 2)), np.zeros(5))
+        kernels.follow(*path, 0.0, 0.1, True, 0.1, 0.1, out, out.copy(), gate)
+        self._executor.advance(1)
+
+    # -- client -------------------------------------------------------------------------
+
+    def _ask(self, request: dict[str, Any]) -> dict[str, Any]:
+        """Run a request between two cycles; called on the server's thread."""
+        prepared = self._prepare(request)
+        answer: queue.SimpleQueue = queue.SimpleQueue()
+        self._requests.put((prepared, answer))
+        return answer.get(timeout=30.0)
+
+    def _prepare(self, request: dict[str, Any]) -> Callable[[], dict[str, Any]]:
+        """Do the slow part of a request; what it returns runs between two cycles."""
+        executor, op = self._executor, request.get("op")
+        if op == "load":
+            with np.load(self._folder / request["job"], allow_pickle=False) as file:
+                arrays = {name: file[name] for name in file.files}
+            way = arrays.pop("waypoints")
+            arrays["joint_names"] = tuple(str(name) for name in arrays["joint_names"])
+            job = PrintJob(**arrays)
+            job.digest()
+            executor.check_job(job)
+            keys = ("start_u", "lead_s", "lag_s", "overlap_s")
+            options = {key: float(request.get(key, 0.0)) for key in keys}
+            return lambda: _done(lambda: executor.load(job, waypoints=way, **options))
+        if op == "move":
+            goal = np.array(request["positions"], np.float64)
+            return lambda: _done(lambda: self._move(goal, float(request["speed_ratio"])))
+        simple: dict[str, Callable[[], Any]] = {
+            "enable": executor.enable,
+            "disable": executor.disable,
+            "pause": executor.pause,
+            "resume": executor.resume,
+            "stop": executor.stop,
+            "reset_fault": executor.reset_fault,
+            "home": self._home,
+            "shutdown": self.end,
+            "run": lambda: executor.run(float(request.get("override", 1.0))),
+            "override": lambda: setattr(
+                executor, "override", min(max(float(request["ratio"]), 0.05), 1.0)
+            ),
+            "pressure": lambda: executor.dispenser.set_pressure(float(request["pascal"])),
+            "inject": lambda: self._inject(str(request["fault"])),
+        }
+        if op not in (*simple, "axes", "hello"):
+            raise InvalidInput(f"unknown request '{op}'; has: {', '.join(sorted(simple))}")
+        if op in ("axes", "hello"):
+            return self._describe
+        return lambda: _done(simple[str(op)])
+
+    def _describe(self) -> dict[str, Any]:
+        motion = self._executor.motion
+        return {
+            "pid": os.getpid(),
+            "hardware": self._machine.hardware,
+            "axes": [[axis.name, axis.state, axis.code] for axis in motion.axes()],
+            "quality": {**motion.quality.details},
+        }
+
+    def _home(self) -> None:
+        if self._executor.moving or self._executor.state == "fault":
+            raise InvalidInput(f"cannot home; the machine is {self._executor.state}")
+        self._executor.motion.home()
+
+    def _move(self, goal: np.ndarray, ratio: float) -> None:
+        """Load and start a slow straight joint move."""
+        executor = self._executor
+        here = executor.positions
+        job = PrintJob(
+            joint_names=executor.motion.joint_names,
+            times=np.array([0.0, 0.01]),
+            positions=np.array([goal, goal]),
+            velocities=np.zeros((2, len(here))),
+            extrude=np.zeros(2, np.bool_),
+            path_id=np.full(2, -1),
+            path_layer=np.zeros(0, np.int64),
+        )
+        executor.load(job)
+        executor.digest = ""
+        executor.run(ratio)
+
+    def _inject(self, fault: str) -> None:
+        inject = getattr(self._executor.motion, "inject", None)
+        if inject is None:
+            raise InvalidInput(f"{self._machine.hardware} hardware takes no injected faults")
+        inject(fault)
+
+    def _handle_requests(self) -> list[tuple[queue.SimpleQueue, dict[str, Any]]]:
+        answers: list[tuple[queue.SimpleQueue, dict[str, Any]]] = []
+        while True:
+            try:
+                work, answer = self._requests.get_nowait()
+            except queue.Empty:
+                return answers
+            try:
+                answers.append((answer, work()))
+            except VegaError as error:
+                answers.append((answer, {"error": str(error), "code": error.code}))
+            except Exception as error:
+                text = f"unexpected {type(error).__name__}: {error}"
+                answers.append((answer, {"error": text, "code": 99}))
+
+    def _watch_client(self) -> None:
+        executor, now = self._executor, time.monotonic()
+        connected = self._server.connected
+        if connected:
+            self._had_client, self._alone_since = True, now
+            if executor.state in ("printing", "pausing") and (
+                self._page.silence() > self._machine.stale_s
+            ):
+                executor.stop(f"the client was silent for {self._machine.stale_s:g} s")
+        elif self._had_client and executor.state in ("printing", "pausing", "paused"):
+            executor.stop("the client is gone")
+        limit = self._machine.orphan_s
+        if limit and not connected and now - self._alone_since > limit and not executor.moving:
+            self._ended = True
+
+    # -- what is shown ------------------------------------------------------------------
+
+    def _record(self) -> None:
+        executor, record = self._executor, self._page.record
+        if executor.gate and executor.rate == 0.0:
+            self._idle_on += 1
+        if self._late_count % 200 == 0:
+            late = np.sort(self._late[: min(self._late_count, len(self._late))])
+            self._percentiles = [float(late[int((len(late) - 1) * q)]) for q in (0.5, 0.99, 1.0)]
+        job, path, axes = executor.job, executor.path, len(executor.positions)
+        record["pid"], record["stamp"] = os.getpid(), time.monotonic()
+        record["state"], record["gate"] = STATES.index(executor.state), executor.gate
+        record["u"], record["rate"], record["done"] = executor.u, executor.rate, executor.done_u
+        record["duration"] = job.duration_s if job else 0.0
+        record["path"], record["layer"] = path, job.layer_of(path) if job else -1
+        record["paths_done"] = executor.paths_done
+        record["axes"] = axes
+        record["positions"][0, :axes] = executor.positions
+        record["targets"][0, :axes] = executor.targets
+        record["pressure"], record["cycles"] = executor.pressure, executor.cycles
+        record["clock"] = executor.cycles * executor.motion.dt
+        record["idle_on_cycles"], record["overruns"] = self._idle_on, self._overruns
+        record["wrong_counters"] = executor.motion.quality.wrong_counters
+        record["lateness"][0] = self._percentiles
+        record["homing_epoch"] = executor.motion.homing_epoch
+        record["job"], record["detail"] = executor.digest.encode(), executor.detail.encode()[:200]
+        self._page.publish()
+        self._checkpoint(path)
+
+    def _checkpoint(self, path: int) -> None:
+        executor, now = self._executor, time.monotonic()
+        if not executor.digest:
+            return
+        when, last_path, last_state = self._last_checkpoint
+        due = executor.state == "printing" and now - when > CHECKPOINT_PERIOD
+        if due or path != last_path or executor.state != last_state:
+            self._checkpoints.post(executor.checkpoint())
+            self._last_checkpoint = (now, path, executor.state)
+
+    def _close(self) -> None:
+        executor = self._executor
+        with contextlib.suppress(Exception):
+            deadline = time.monotonic() + 5.0
+            while executor.moving and time.monotonic() < deadline:
+                executor.advance(1)
+            executor.disable()
+        for close in (executor.dispenser.close, executor.motion.close, self._server.close):
+            with contextlib.suppress(Exception):
+                close()
+        executor.state, executor.gate, executor.pressure = "off", False, 0.0
+        with contextlib.suppress(Exception):
+            self._record()
+        self._checkpoints.close()
+
+
+def _done(work: Callable[[], Any]) -> dict[str, Any]:
+    work()
+    return {}
+
+
+def _raise_priority(batched: bool) -> None:
+    """Ask for real-time scheduling where there is a bus; it may be refused."""
+    if batched:
+        return
+    import ctypes
+
+    with contextlib.suppress(OSError):
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(80))
+    with contextlib.suppress(OSError):
+        ctypes.CDLL(None).mlockall(3)
+
+
+def main() -> int:
+    """Run the process; the exit status is 4 where the hardware failed."""
+    folder = Path(sys.argv[1])
+    failed = folder / "failed"
+    failed.unlink(missing_ok=True)
+    try:
+        loop = RealTimeLoop(read_machine(folder), folder)
+        signal.signal(signal.SIGTERM, loop.end)
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal's ctrl-c is the client's
+        loop.run()
+    except (DriverError, VegaError) as error:
+        failed.write_text(f"{error.code} {error}")
+        return 4
+    except Exception as error:
+        failed.write_text(f"99 {type(error).__name__}: {error}")
+        traceback.print_exc()
+        return 4
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
