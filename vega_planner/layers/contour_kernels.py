@@ -461,7 +461,25 @@ def make_vertices(
                             x = origin[0] + h * x
                             y = origin[1] + h * y
                             z = origin[2] + h * z
-                            if is_real(
+                            other = -1
+                            blocked = len(leave) > 1 and leave[na, e // 4] < 0.0
+                            if blocked:
+                                # A narrow slot lies between the nodes: the sheet ends at the
+                                # side of the slot that its level belongs to.
+                                mine, other = na, nb
+                                if abs(d[nb] - r) < abs(d[na] - r):
+                                    mine, other = nb, na
+                                px = origin[0] + h * (mine // (ny * nz))
+                                py = origin[1] + h * (mine // nz % ny)
+                                pz = origin[2] + h * (mine % nz)
+                                qx = origin[0] + h * (other // (ny * nz))
+                                qy = origin[1] + h * (other // nz % ny)
+                                qz = origin[2] + h * (other % nz)
+                                _, u = first_hit(brr_tri, brr_box, px, py, pz, qx, qy, qz, stack)
+                                x = px + u * (qx - px)
+                                y = py + u * (qy - py)
+                                z = pz + u * (qz - pz)
+                            if not blocked and is_real(
                                 tri, origin, h, state, d, slot, leave, na, e // 4, nb - na, ny, nz, r
                             ):  # fmt: skip
                                 real += 1
@@ -488,6 +506,8 @@ def make_vertices(
                                         limits[q] = max(limits[q], limit)
                                         break
                                 if not known and slot[m] >= 0:
+                                    if blocked and m == other:
+                                        continue
                                     limits[kinds] = limit
                                     for q in range(3):
                                         normals[kinds, q] = gradient[m, q]
