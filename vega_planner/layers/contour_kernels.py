@@ -369,12 +369,15 @@ def settle(tri, corner, ring_start, ring, box, brr_tri, brr_box, h, r, hint, rim
         if q >= 0:
             _, fx, fy, fz = closest(brr_tri, q, v[0], v[1], v[2])
             v[0], v[1], v[2] = fx, fy, fz
-    s, _ = nearest_or_walk(
-        tri, corner, ring_start, ring, box, v[0], v[1], v[2], hint, stack, lower
-    )
-    d2, fx, fy, fz = closest(tri, s, v[0], v[1], v[2])
-    e = np.sqrt(d2)
-    if not rim and abs(e - r) > 2e-3 and e > 1e-9:
+    s = hint
+    for _ in range(3):
+        s, _ = nearest_or_walk(
+            tri, corner, ring_start, ring, box, v[0], v[1], v[2], s, stack, lower
+        )
+        d2, fx, fy, fz = closest(tri, s, v[0], v[1], v[2])
+        e = np.sqrt(d2)
+        if rim or abs(e - r) < 2e-3 or e < 1e-9:
+            break
         v[0] = fx + (v[0] - fx) * r / e
         v[1] = fy + (v[1] - fy) * r / e
         v[2] = fz + (v[2] - fz) * r / e
@@ -534,6 +537,22 @@ def make_vertices(
                                 v[0] = fx + (v[0] - fx) * r / e2
                                 v[1] = fy + (v[1] - fy) * r / e2
                                 v[2] = fz + (v[2] - fz) * r / e2
+                            # Where another sheet is about, make sure that it is not nearer.
+                            least = 1.0
+                            for c in range(8):
+                                m = n + corner_step[c]
+                                if slot[m] >= 0:
+                                    least = min(
+                                        least,
+                                        gradient[m, 0] * normals[0, 0]
+                                        + gradient[m, 1] * normals[0, 1]
+                                        + gradient[m, 2] * normals[0, 2],
+                                    )
+                            if least < 0.9:
+                                hint = settle(
+                                    tri, corner, ring_start, ring, box, brr_tri, brr_box,
+                                    h, r, hint, False, v, stack, lower,
+                                )  # fmt: skip
                         else:
                             wall_count = 0
                             for q in range(beyond):
