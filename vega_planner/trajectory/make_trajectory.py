@@ -58,7 +58,7 @@ def make_trajectory(
     way, _ = refined(
         way,
         *knots_for_timing(
-            way, speed[way.segment[:-1]], 0.5 * PATH_TOLERANCE, _LAYOUT_ACCELERATION
+            way, speed[way.segment[:-1]], PATH_TOLERANCE, _LAYOUT_ACCELERATION
         ),
     )
     report(Progress("trajectory", 0.1))

@@ -240,8 +240,10 @@ def knots_for_timing(
     for end, at, side in ((first, near[:-1], 1), (last, near[1:], -1)):
         add(np.isfinite(at), at, side)
         slow = end | (at < 8.0 * tolerance / _SHARP)
-        distance = np.where(end, np.minimum(braking, _FIRST_STEP), 3.0 * at)
-        while (again := slow & (distance <= 9.0 * braking) & (distance < 0.5 * length)).any():
+        distance = np.where(end, np.minimum(braking, _FIRST_STEP), 1.3 * at)
+        furthest = np.maximum(9.0 * braking, np.where(end, 0.0, 1.301 * at))
+        furthest = np.minimum(furthest, 0.5 * length)
+        while (again := slow & (distance <= furthest)).any():
             add(again, distance, side)
             distance = 3.0 * distance
     rows = np.concatenate([piece[0] for piece in pieces])
