@@ -138,16 +138,12 @@ def _slopes(way: Waypoints, q: Floats) -> Floats:
     return slope
 
 
-def _smooth_between(
-    way: Waypoints, q: Floats, slope: Floats, rows: Ints, place: float
-) -> Floats:
+def _smooth_between(way: Waypoints, q: Floats, slope: Floats, rows: Ints, place: float) -> Floats:
     """Joints on the smooth curve that the timed samples will describe, within intervals."""
     length = (way.path[rows + 1] - way.path[rows])[:, None]
     step, m0, m1 = q[rows + 1] - q[rows], length * slope[rows], length * slope[rows + 1]
     w = place
-    return np.asarray(
-        q[rows] + w * (m0 + w * (3 * step - 2 * m0 - m1 + w * (m0 + m1 - 2 * step)))
-    )
+    return np.asarray(q[rows] + w * (m0 + w * (3 * step - 2 * m0 - m1 + w * (m0 + m1 - 2 * step))))
 
 
 def _distance_from_line(points: Floats, a: Floats, b: Floats) -> Floats:
