@@ -11,16 +11,18 @@ import numpy as np
 
 from vega_planner.datatypes import Bools, Floats, Ints
 from vega_planner.errors import Unreachable
+from vega_planner.parallel import map_threads
 from vega_planner.robot.robot import Robot
+from vega_planner.trajectory import joint_path_kernels as kernels
 from vega_planner.trajectory import topp_ra_kernels
-from vega_planner.trajectory.waypoints import Waypoints, evenly_cut, refined, turned_evenly
+from vega_planner.trajectory.waypoints import Waypoints, evenly_cut, refined
 
 #: Largest step of a rotary joint between two samples [rad].
 LARGEST_STEP = 0.15
 #: Largest angle of the nozzle off its axis between two samples [rad].
 AXIS_TOLERANCE = np.radians(0.1)
-#: Places between two samples at which the smooth curve is asked.
-_PLACES = (0.25, 0.5, 0.75)
+#: Intervals given to a thread at a time.
+_CHUNK = 8192
 #: Rounds of refinement; each divides the error by the square of the number of pieces.
 _ROUNDS = 5
 #: An interval is cut into at most this many pieces per round.
@@ -110,15 +112,23 @@ def joint_path(way: Waypoints, robot: Robot, solver: PathSolver, tolerance: floa
 def _pieces(way: Waypoints, q: Floats, look: Bools, robot: Robot, tolerance: float) -> Ints:
     """Number of equal pieces each interval to look at has to be cut into, shape (n - 1,)."""
     rows = np.flatnonzero(look)
-    a, b = way.points[rows], way.points[rows + 1]
-    points, axes = robot.forward(0.5 * (q[rows] + q[rows + 1]))
-    off = np.linalg.norm(points - 0.5 * (a + b), axis=1)
-    middle = turned_evenly(way.axes[rows], way.axes[rows + 1], np.full(len(rows), 0.5))
-    tilt = np.linalg.norm(axes - middle, axis=1)
     slope = _slopes(way, q)
-    for place in _PLACES:
-        points, _ = robot.forward(_smooth_between(way, q, slope, rows, place))
-        off = np.maximum(off, _distance_from_line(points, a, b))
+    off, tilt = np.zeros(len(rows)), np.zeros(len(rows))
+
+    def work(part: slice) -> None:
+        kernels.gaps_between(
+            robot.chain.arrays,
+            way.points,
+            way.axes,
+            way.path,
+            q,
+            slope,
+            rows[part],
+            off[part],
+            tilt[part],
+        )
+
+    map_threads(work, [slice(k, k + _CHUNK) for k in range(0, len(rows), _CHUNK)])
     step = np.abs(q[rows + 1] - q[rows])[:, robot.chain.revolute].max(1)
     # The sagitta falls with the square of the number of pieces.
     wanted = np.ceil(np.sqrt(np.maximum(off / tolerance, tilt / AXIS_TOLERANCE)))
@@ -136,22 +146,6 @@ def _slopes(way: Waypoints, q: Floats) -> Floats:
             way.path[start:end], q[start:end], slope[start:end], curvature[start:end]
         )
     return slope
-
-
-def _smooth_between(way: Waypoints, q: Floats, slope: Floats, rows: Ints, place: float) -> Floats:
-    """Joints on the smooth curve that the timed samples will describe, within intervals."""
-    length = (way.path[rows + 1] - way.path[rows])[:, None]
-    step, m0, m1 = q[rows + 1] - q[rows], length * slope[rows], length * slope[rows + 1]
-    w = place
-    return np.asarray(q[rows] + w * (m0 + w * (3 * step - 2 * m0 - m1 + w * (m0 + m1 - 2 * step))))
-
-
-def _distance_from_line(points: Floats, a: Floats, b: Floats) -> Floats:
-    """Distances of points from the lines through a and b, or from a where they coincide."""
-    chord, offset = b - a, points - a
-    square = np.einsum("ij,ij->i", chord, chord)
-    along = np.einsum("ij,ij->i", offset, chord) / np.where(square > 0, square, 1.0)
-    return np.asarray(np.linalg.norm(offset - along[:, None] * chord, axis=1))
 
 
 def _with_reconfigurations(
