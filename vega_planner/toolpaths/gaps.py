@@ -40,7 +40,7 @@ def lines_in_gaps(
 
     Args:
         surface: Connectivity of the patch.
-        values: What to interpolate along the lines, shape (n, 9).
+        values: What to interpolate along the lines, shape (n, 12).
         lines: What is laid already.
         candidates: Vertices that may lie in a gap, shape (n,).
         levels: Field whose whole part becomes the level of the lines, shape (n,).

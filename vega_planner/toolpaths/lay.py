@@ -21,9 +21,9 @@ from vega_planner.datatypes import (
 from vega_planner.parallel import map_threads
 from vega_planner.progress import Progress, Report, silent
 from vega_planner.settings import ToolpathSettings
-from vega_planner.toolpaths.bead import fill_spacing, fill_width
+from vega_planner.toolpaths.bead import fill_spacing, fill_width, lean, leaning_section
 from vega_planner.toolpaths.contour import contour_lines
-from vega_planner.toolpaths.isolines import AXIS, CELL, POSITION, THICKNESS, Line
+from vega_planner.toolpaths.isolines import AXIS, CELL, NORMAL, POSITION, THICKNESS, Line
 from vega_planner.toolpaths.linking import Pass, link_lines, link_loops
 from vega_planner.toolpaths.planar import concentric_lines, parallel_lines
 from vega_planner.toolpaths.polyline_kernels import resample
@@ -248,6 +248,8 @@ def _toolpath(
     height = rows[:, THICKNESS]
     nominal = fill_spacing(settings.width_mm, float(np.median(height)))
     width = fill_width(rows[:, CELL], height, nominal)
+    leaning = lean(rows[:, POSITION], rows[:, AXIS], rows[:, NORMAL])
+    width, height = leaning_section(width, height, leaning)
     return Toolpath(
         rows[:, POSITION], rows[:, AXIS], width, height, patch=patch, layer=layer, closed=closed
     )

@@ -17,6 +17,7 @@ from vega_planner.toolpaths.isolines import (
     AXIS,
     CELL,
     COLUMNS,
+    NORMAL,
     POSITION,
     RIM,
     THICKNESS,
@@ -177,6 +178,7 @@ def _line(
     rows[:, THICKNESS] = thickness
     rows[:, CELL] = cell
     rows[:, RIM] = 0.0
+    rows[:, NORMAL] = (0.0, 0.0, 1.0)
     return Line(rows, level, closed, 0)
 
 
