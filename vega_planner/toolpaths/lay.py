@@ -25,7 +25,7 @@ from vega_planner.toolpaths.bead import fill_spacing, fill_width, lean, leaning_
 from vega_planner.toolpaths.contour import contour_lines
 from vega_planner.toolpaths.isolines import AXIS, CELL, NORMAL, POSITION, THICKNESS, Line
 from vega_planner.toolpaths.linking import Pass, link_lines, link_loops
-from vega_planner.toolpaths.planar import concentric_lines, parallel_lines
+from vega_planner.toolpaths.planar import concentric_lines, is_flat, parallel_lines
 from vega_planner.toolpaths.polyline_kernels import resample
 from vega_planner.toolpaths.rim import Ground, ground_of
 from vega_planner.toolpaths.smoothing_kernels import smooth_axes, without_crowding
@@ -158,7 +158,7 @@ def patch_passes(
     Args:
         patch: The patch.
         index: Its place in the print order, which turns zigzag lines and the seam.
-        flat: Whether it belongs to a planar stack.
+        flat: Whether it belongs to a planar stack, with walls inside the outline.
         settings: Pattern, spacing and linking.
         ground: What a rim may stand on.
         overlap: Part of the spacing by which lines lie closer.
@@ -176,8 +176,9 @@ def patch_passes(
     surface = connect(patch)
     nested = True
     euclidean = settings.spacing == "euclidean"
-    if flat and settings.pattern != "zigzag":
-        lines = concentric_lines(surface, patch, spacing)
+    if settings.pattern != "zigzag" and (flat or is_flat(patch)):
+        lines = concentric_lines(surface, patch, spacing, inside=flat)
+        lines = [_scaled(line, flow) for line in lines]
         found = link_loops(lines, spacing, longest, toward)
     elif settings.pattern == "zigzag":
         angle = settings.angle_deg + 90.0 * (patch.layer % 2)

@@ -112,13 +112,22 @@ def parallel_lines(
     return walls, lines, guides
 
 
-def concentric_lines(surface: Surface, patch: Patch, spacing: float) -> list[Line]:
+def is_flat(patch: Patch) -> bool:
+    """Tell whether a patch is horizontal and printed upright."""
+    return bool(np.ptp(patch.vertices[:, 2]) < 1e-3 and patch.tool_axes[:, 2].min() > 1 - 1e-9)
+
+
+def concentric_lines(
+    surface: Surface, patch: Patch, spacing: float, *, inside: bool = True
+) -> list[Line]:
     """Lay loops from the outline inwards, and centre lines where no loop fits.
 
     Args:
         surface: Connectivity of the patch.
         patch: A flat patch, normals along z.
         spacing: Distance between walls [mm].
+        inside: Keep the first wall inside the outline; else it is half a spacing from
+            it, so that its round side stands out as much as it lacks.
 
     Returns:
         Lines by level, the outermost first.
@@ -130,7 +139,7 @@ def concentric_lines(surface: Surface, patch: Patch, spacing: float) -> list[Lin
     left, level = shape, 0
     # The round side of the first wall touches the outline; what it lacks there, it has
     # too much of towards the second wall.
-    inset = 0.5 * spacing + 0.5 * ROUNDING * thickness
+    inset = 0.5 * spacing + (0.5 * ROUNDING * thickness if inside else 0.0)
     while not left.is_empty:
         # two walls side by side need room; a narrower place gets one line in its middle
         need = max(_TWO_WALLS * spacing, inset)
@@ -206,7 +215,14 @@ def _strip_line(strip: Any, spacing: float) -> tuple[Floats, bool, float] | None
     length = float(line_length(rows, False))
     if length < 0.8 * spacing or area / length < 0.25 * spacing:
         return None
-    return rows[:, :2], False, area / length
+    # the ends turn into corners of the strip; the bead's own end reaches that far
+    step = np.linalg.norm(np.diff(rows, axis=0), axis=1)
+    walked = np.concatenate([[0.0], np.cumsum(step)])
+    inner = (walked >= 0.5 * area / length) & (walked <= length - 0.5 * area / length)
+    if inner.sum() < 2:
+        return None
+    points = rows[inner, :2]
+    return points, False, area / max(_length(points, False), 1e-9)
 
 
 def _outer_ring(part: Any) -> Floats:
