@@ -16,7 +16,7 @@ from vega_planner.toolpaths.surface import Surface
 LONELY = 0.5
 
 #: A line shorter than this, in spacings, is not worth a start and a stop.
-_SHORTEST = 0.8
+_SHORTEST = 1.2
 
 
 def ridge_vertices(surface: Surface, gradient: Floats) -> Bools:

@@ -86,17 +86,16 @@ def parallel_lines(
     thickness = float(patch.thickness.mean())
     inset = 0.5 * spacing + 0.5 * ROUNDING * thickness
     walls = [
-        _line(ring, True, 0, height, thickness, spacing)
-        for ring in _rings(shape.buffer(-inset, join_style="mitre"))
+        _line(ring, True, 0, height, thickness, spacing) for ring in _rings(_offset(shape, -inset))
     ]
-    inside = shape.buffer(-_LINK_ROOM * spacing, join_style="mitre")
+    inside = _offset(shape, -_LINK_ROOM * spacing)
     if inside.is_empty:
         return concentric_lines(surface, patch, spacing), [], []
     guides = [_line(ring, True, 0, height, thickness, spacing) for ring in _rings(inside)]
     angle = math.radians(angle_deg)
     along = np.array([math.cos(angle), math.sin(angle)])
     across = np.array([-along[1], along[0]])
-    corners = np.asarray(shapely.get_coordinates(shape.buffer(-spacing, join_style="mitre")))
+    corners = np.asarray(shapely.get_coordinates(_offset(shape, -spacing)))
     low, high = (corners @ across).min(), (corners @ across).max()
     first, last = (corners @ along).min() - 1, (corners @ along).max() + 1
     count = max(1, math.ceil((high - low) / (1.01 * spacing)))
@@ -110,6 +109,13 @@ def parallel_lines(
                 points = np.asarray(piece.coords)
                 lines.append(_line(points, False, level, height, thickness, step))
     return walls, lines, guides
+
+
+def _offset(shape: Any, distance: float) -> Any:
+    """Grow a region, or shrink it below zero, with sharp corners."""
+    # the corner arithmetic divides by zero where edges turn back, and copes with it
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return shape.buffer(distance, join_style="mitre")
 
 
 def is_flat(patch: Patch) -> bool:
@@ -143,12 +149,12 @@ def concentric_lines(
     while not left.is_empty:
         # two walls side by side need room; a narrower place gets one line in its middle
         need = max(_TWO_WALLS * spacing, inset)
-        wide = left.buffer(-need, join_style="mitre").buffer(need, join_style="mitre")
-        walls = wide.intersection(left).buffer(-inset, join_style="mitre")
-        covered = walls.buffer(inset + 1e-6, join_style="mitre")
+        wide = _offset(_offset(left, -need), need)
+        walls = _offset(wide.intersection(left), -inset)
+        covered = _offset(walls, inset + 1e-6)
         strips = [_strip_line(strip, spacing) for strip in _polygons(left.difference(covered))]
         found = [strip for strip in strips if strip is not None]
-        rest = wide.buffer(-spacing, join_style="mitre")
+        rest = _offset(wide, -spacing)
         rings = _rings(walls)
         taken = sum(cell * _length(points, closed) for points, closed, cell in found)
         length = sum(_length(ring, True) for ring in rings)
@@ -206,7 +212,7 @@ def _strip_line(strip: Any, spacing: float) -> tuple[Floats, bool, float] | None
     if area < 0.15 * spacing**2:
         return None
     if strip.interiors:
-        for part in _polygons(strip.buffer(-0.6 * area / strip.length, join_style="mitre")):
+        for part in _polygons(_offset(strip, -0.6 * area / strip.length)):
             if part.interiors:
                 points = _outer_ring(part)
                 return points, True, area / _length(points, True)
