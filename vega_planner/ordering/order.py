@@ -104,7 +104,8 @@ class PrintOrder:
     def violations(self) -> tuple[Violation, ...]:
         """List what the sequence does not keep; empty for a sound one."""
         found = []
-        for a, b in zip(*np.nonzero(self.supports > SUPPORT_SHARE)):
+        lies_on = (self.supports > SUPPORT_SHARE) & (self.supports >= self.supports.T)
+        for a, b in zip(*np.nonzero(lies_on)):
             if a > b:
                 found.append(Violation("order", (int(a), int(b)), float(self.supports[a, b])))
         for a, b in zip(*np.nonzero(self.blocks > BLOCK_SHARE)):
@@ -162,7 +163,7 @@ def order_patches(
     report(Progress("ordering", 0.2))
     found = None
     if assessment is not None:
-        order = _natural_order(patches, assessment)
+        order = _with_cores_held(_natural_order(patches, assessment), graph, assessment)
         found = _proven(task, graph, order, report)
     if found is None or found.cost > ACCEPTED_SHARE * sum(patch.area for patch in patches):
         graph = task.with_blocking(graph)
@@ -208,6 +209,22 @@ def _natural_order(patches: Sequence[Patch], assessment: Assessment) -> list[int
         up = bowl or sheet.kind == "planar"
         keys.append((not bowl, patch.layer if up else -patch.layer, low, node))
     return [key[-1] for key in sorted(keys)]
+
+
+def _with_cores_held(order: list[int], graph: _Graph, assessment: Assessment) -> list[int]:
+    """Move the pieces of the core behind what they lie on, and before what lies on them."""
+    core = np.array([assessment.layers[p.layer].kind == "core" for p in graph.patches])
+    if not core.any():
+        return order
+    chain = np.zeros((len(order), len(order)), np.bool_)
+    firm = [node for node in order if not core[node]]
+    chain[firm[:-1], firm[1:]] = True
+    share = np.where(graph.hard, graph.support.share, 0.0)
+    share[~(core[:, None] | core[None, :])] = 0.0
+    before, _ = break_cycles(chain, share)
+    rank = np.empty(len(order), np.int64)
+    rank[order] = np.arange(len(order))
+    return sequence(before, [(int(k),) for k in rank])
 
 
 def _is_turned(patch: Patch, sheet: Layer) -> bool:

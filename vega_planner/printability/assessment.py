@@ -55,7 +55,7 @@ WIDTH_RATIO = 1.5
 FACES_DOWN, LIES_ON_PLATE = 0.03, 0.5
 
 #: Finest spacing of the grids that hold what is there [mm].
-FINEST_MM = 0.5
+FINEST_MM = 0.65
 
 #: Sheets judged between two reports of progress.
 AT_ONCE = 8
@@ -400,12 +400,18 @@ def _summarise(
         access += _area_where(area, faces, sheet.outside.seen | _used(layer, sheet, INSIDE))
         clear += _area_where(area, faces, np.any([s.clear for s in sides], axis=0))
         printable += float(area[sheet.side != NEITHER].sum())
-        split += len(np.unique(sheet.side[sheet.side != NEITHER])) > 1
+        if layer.kind != "core":
+            split += len(np.unique(sheet.side[sheet.side != NEITHER])) > 1
         code = np.zeros(len(faces), np.int64)
         bad = np.flatnonzero(sheet.side == NEITHER)
         code[bad] = sheet.outside.code[faces[bad]].max(1)
         codes.append(code)
-    whole = all((sheet.side == OUTSIDE).all() for sheet in judged)
+    # what fills the core has no outer side and is printed from wherever it can be
+    whole = all(
+        (sheet.side == OUTSIDE).all()
+        for layer, sheet in zip(stack.sheets, judged)
+        if layer.kind != "core"
+    )
     total = max(total, 1e-300)
     status = "fully" if whole else "conditionally"
     if printable < (1 - NEGLIGIBLE_RATIO) * total:
