@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
+# mypy: disable-error-code="no-untyped-def"
 """Kernels that draw a mesh into a signed field and compare two fields by volume."""
 
 from __future__ import annotations

@@ -16,17 +16,25 @@ import numpy as np
 from numba import njit
 
 from vega_planner.layers.grid_kernels import INSIDE
-from vega_planner.layers.triangle_kernels import closest, first_hit, nearest, walk
+from vega_planner.layers.triangle_kernels import (
+    closest,
+    first_hit,
+    nearest,
+    nearest_or_walk,
+    walk,
+)
 
 #: Cosine above which two gradients belong to one smooth sheet (21 degrees).
 SAME_SHEET = 0.93
 
 
 @njit(nogil=True, cache=True)
-def find_exits(brr_tri, brr_box, origin, h, state, d, level, ny, nz, first, last, leave):
+def find_exits(brr_tri, brr_box, origin, h, state, d, level, narrow, ny, nz, first, last, leave):
     """Find where edges from inside to beyond the restraint region leave the part.
 
-    leave[n, axis] is the parameter along the edge from the inside node; 2 elsewhere.
+    leave[n, axis] is the parameter along the edge from the inside node, and 2 where the
+    edge does not leave. Where the part may have slots narrower than the grid (`narrow`),
+    edges between inside nodes that cross a level are tried as well: -1 if they leave.
     """
     stack = np.zeros(64, np.int64)
     step = (ny * nz, nz, 1)
@@ -36,7 +44,11 @@ def find_exits(brr_tri, brr_box, origin, h, state, d, level, ny, nz, first, last
                 n = (i * ny + j) * nz + k
                 for axis in range(3):
                     m = n + step[axis]
-                    if (state[n] == INSIDE) == (state[m] == INSIDE):
+                    both = state[n] == INSIDE and state[m] == INSIDE
+                    if both:
+                        if not narrow or level[n] == level[m]:
+                            continue
+                    elif state[n] != INSIDE and state[m] != INSIDE:
                         continue
                     outer = m if state[n] == INSIDE else n
                     if d[outer] <= 0.0:
@@ -50,7 +62,7 @@ def find_exits(brr_tri, brr_box, origin, h, state, d, level, ny, nz, first, last
                     else:
                         s, e = first_hit(brr_tri, brr_box, u, v, w, x, y, z, stack)
                     if s >= 0:
-                        leave[n, axis] = e
+                        leave[n, axis] = -1.0 if both else e
 
 
 @njit(nogil=True, cache=True)
@@ -88,7 +100,7 @@ def is_real(tri, origin, h, state, d, slot, leave, n, axis, step, ny, nz, r):
     m = n + step
     a, b = state[n] == INSIDE, state[m] == INSIDE
     if a and b:
-        return True
+        return len(leave) == 1 or leave[n, axis] >= 0.0
     if not a and not b:
         return False
     outer = m if a else n
@@ -288,7 +300,9 @@ def place(
                 g[same, 0], g[same, 1], g[same, 2], g[same, 3] = nx, ny, nz, r - e
             if rows == 0 or attempt == 1:
                 # Only the nearest sheet, which is there in any case.
-                hint, d2 = nearest(tri, box, x, y, z, hint, 1e300, stack, lower)
+                hint, d2 = nearest_or_walk(
+                    tri, corner, ring_start, ring, box, x, y, z, hint, stack, lower
+                )
                 e, fx, fy, fz = closest(tri, hint, x, y, z)
                 e = max(np.sqrt(e), 1e-9)
                 rows = 1
@@ -355,7 +369,9 @@ def settle(tri, corner, ring_start, ring, box, brr_tri, brr_box, h, r, hint, rim
         if q >= 0:
             _, fx, fy, fz = closest(brr_tri, q, v[0], v[1], v[2])
             v[0], v[1], v[2] = fx, fy, fz
-    s, _ = nearest(tri, box, v[0], v[1], v[2], hint, 1e300, stack, lower)
+    s, _ = nearest_or_walk(
+        tri, corner, ring_start, ring, box, v[0], v[1], v[2], hint, stack, lower
+    )
     d2, fx, fy, fz = closest(tri, s, v[0], v[1], v[2])
     e = np.sqrt(d2)
     if not rim and abs(e - r) > 2e-3 and e > 1e-9:
@@ -400,6 +416,7 @@ def make_vertices(
     vertex_level,
     vertex_slot,
     is_rim,
+    inward,
 ):
     """Place the vertices of the cells in planes first:last."""
     stack = np.zeros(64, np.int64)
@@ -529,6 +546,11 @@ def make_vertices(
                         position[vertex, 1] = v[1]
                         position[vertex, 2] = v[2]
                         vertex_slot[vertex] = hint
+                        d2, fx, fy, fz = closest(tri, hint, v[0], v[1], v[2])
+                        e2 = max(np.sqrt(d2), 1e-12)
+                        inward[vertex, 0] = (v[0] - fx) / e2
+                        inward[vertex, 1] = (v[1] - fy) / e2
+                        inward[vertex, 2] = (v[2] - fz) / e2
                         is_rim[vertex] = 1 if beyond > 0 else 0
                         vertex += 1
 
@@ -630,6 +652,7 @@ def split_quads(
     position,
     vertex_level,
     vertex_slot,
+    inward,
     quads,
     first,
     last,
@@ -641,14 +664,18 @@ def split_quads(
     for q in range(first, last):
         a, b, c, e = quads[q, 0], quads[q, 1], quads[q, 2], quads[q, 3]
         r = r0 + t * vertex_level[a]
-        gap = 0.0
-        first_length, second_length = 0.0, 0.0
+        bulge_ac, bulge_be = 0.0, 0.0
+        ab, bc, ce, ea = 0.0, 0.0, 0.0, 0.0
         for x in range(3):
-            gap += (position[a, x] + position[c, x] - position[b, x] - position[e, x]) ** 2
-            first_length += (position[a, x] - position[c, x]) ** 2
-            second_length += (position[b, x] - position[e, x]) ** 2
-        along = first_length <= second_length
-        if gap > 1.6e-5:
+            bulge_ac += (position[c, x] - position[a, x]) * (inward[c, x] - inward[a, x])
+            bulge_be += (position[e, x] - position[b, x]) * (inward[e, x] - inward[b, x])
+            ab += inward[a, x] * inward[b, x]
+            bc += inward[b, x] * inward[c, x]
+            ce += inward[c, x] * inward[e, x]
+            ea += inward[e, x] * inward[a, x]
+        turn = min(ab, bc, ce, ea)
+        along = abs(bulge_ac) <= abs(bulge_be)
+        if turn < 0.9:
             _, d2, _, _, _ = walk(
                 tri, corner, ring_start, ring, vertex_slot[a],
                 0.5 * (position[a, 0] + position[c, 0]),

@@ -24,6 +24,7 @@ from vega_planner.ordering.graph import break_cycles, cycles, sequence
 from vega_planner.ordering.samples import Samples, sample_patches
 from vega_planner.parallel import map_threads
 from vega_planner.printability.assessment import (
+    OUTSIDE,
     OWN_LAYER_MM,
     Assessment,
     plate_tilt_limit,
@@ -35,6 +36,7 @@ from vega_planner.printability.orientation import raise_until_clear, smoothed, t
 from vega_planner.printability.tool_shape import ToolShape
 from vega_planner.progress import Progress, Report
 from vega_planner.settings import PrintabilitySettings
+from vega_planner.splitting.bands import bands
 
 if TYPE_CHECKING:
     from vega_planner.robot.workcell import Workcell
@@ -45,6 +47,22 @@ SUPPORT_SHARE = 0.1
 #: Share of a patch's poses that meet another for the other to wait. Poses fewer than this
 #: are turned out of the way, one by one, when the sequence is checked.
 BLOCK_SHARE = 0.02
+
+
+#: Share of a sheet's vertices that may be unclear in an order that is taken as it comes.
+UNCLEAR_SHARE = 0.02
+
+#: Share of a patch without anything under it that is told.
+FLOATING_SHARE = 0.05
+
+#: Largest tilts tried for patches that wait for each other [deg].
+TILTS_DEG = (45.0, 20.0)
+
+#: Heights of the bands they are cut into where that does not help [mm].
+BANDS_MM = (6.0, 3.0, 1.5)
+
+#: Number of patches at which cutting ends.
+MOST_PATCHES = 400
 
 
 @dataclass(frozen=True)
@@ -127,7 +145,7 @@ def order_patches(
         The patches in print order with the proof.
     """
     patches = list(patches)
-    count = len(patches)
+    count = given = len(patches)
     tool = ToolShape.of(cell.tool)
     if assessment is not None:
         surroundings = assessment.surroundings
@@ -140,36 +158,26 @@ def order_patches(
         base = _base_report(assessment)
         return PrintOrder((), empty, empty, np.zeros(0), np.zeros(0), base)
     whole = assessment is not None and _are_sheets(patches, stack)
-    if assessment is not None and whole:
-        material = assessment.material
-    else:
-        material = Material(stack.part, patches, stage_height(stack))
-    owner = np.repeat(np.arange(count), np.diff(material.first))
-    samples = sample_patches(patches)
-    report(Progress("ordering", 0.1))
-    support = find_support(
-        samples, count, material, owner, surroundings, cell.placement.plate_z_mm
+    material = assessment.material if assessment is not None and whole else None
+    natural = assessment is not None and _one_sided(assessment)
+    graph = _Graph.of(
+        patches, stack, cell, surroundings, tool, settings, material, block=not natural
     )
-    hard = support.share > SUPPORT_SHARE
-    hard &= ~(hard.T & (support.share < support.share.T))
-    margin = settings.clearance_mm
-    blocked = find_blocking(samples, samples, count, tool, margin)
     report(Progress("ordering", 0.3))
-    for most_deg in (45.0, 20.0):
-        soft = np.where(blocked > BLOCK_SHARE, blocked, 0.0)
-        groups = cycles(hard | (soft > 0))
-        if not groups or settings.orientation != "collision-free":
-            break
-        for nodes in groups:
-            for node in nodes:
-                patches[node] = _raised(patches[node], np.radians(most_deg), settings)
-        samples = sample_patches(patches)
-        blocked = find_blocking(samples, samples, count, tool, margin)
-    soft = np.where(blocked > BLOCK_SHARE, blocked, 0.0)
-    before, _ = break_cycles(hard, soft)
-    order = sequence(before, _keys(patches, stack))
+    if natural:
+        # the assessment has proven every sheet clear of all that is laid before it
+        order = _natural_order(patches, stack)
+    else:
+        if graph.tangles() and settings.orientation == "collision-free":
+            graph = _untangled(graph, stack, cell, surroundings, tool, settings, report)
+        whole = whole and graph.material is material
+        before, _ = break_cycles(graph.hard, graph.soft)
+        order = sequence(before, _keys(graph.patches, stack))
+    count = len(graph.patches)
+    material, samples, support = graph.material, graph.samples, graph.support
+    blocked, hard = graph.blocked, graph.hard
     report(Progress("ordering", 0.4))
-    patches = [patches[node] for node in order]
+    patches = [graph.patches[node] for node in order]
     rank = np.empty(count, np.int64)
     rank[order] = np.arange(count)
     judged = assessment if whole else None
@@ -178,7 +186,10 @@ def order_patches(
     )
     floating = _floating(samples, support, rank, hard, count)
     moved = np.ix_(order, order)
-    final = _with_sequence(_base_report(assessment), proven, bad, floating, cell)
+    base = _base_report(assessment)
+    if count > given and base.status == "fully":
+        base = replace(base, status="conditionally")
+    final = _with_sequence(base, proven, bad, floating, cell)
     colliding = np.array([_bad_area(patch, mask) for patch, mask in zip(proven, bad)])
     return PrintOrder(
         tuple(proven), support.share[moved], blocked[moved], colliding, floating, final
@@ -195,6 +206,25 @@ def _are_sheets(patches: Sequence[Patch], stack: LayerStack) -> bool:
     )
 
 
+def _one_sided(assessment: Assessment) -> bool:
+    """Tell whether all is printed from outside, clear of what the sheets before leave."""
+    return all(
+        (sheet.side == OUTSIDE).all() and sheet.outside.clear.mean() > 1 - UNCLEAR_SHARE
+        for sheet in assessment.sheets
+    )
+
+
+def _natural_order(patches: Sequence[Patch], stack: LayerStack) -> list[int]:
+    """Sheets from the inside out, or from the bottom up; in a sheet the lowest piece first."""
+
+    def key(node: int) -> tuple:
+        sheet = patches[node].layer
+        turn = sheet if stack.sheets[sheet].kind == "planar" else -sheet
+        return turn, round(float(patches[node].vertices[:, 2].min()), 6), node
+
+    return sorted(range(len(patches)), key=key)
+
+
 def _keys(patches: Sequence[Patch], stack: LayerStack) -> list[tuple]:
     """Priorities of the paper's rule: bottom to top, then inside to outside."""
     keys = []
@@ -204,6 +234,99 @@ def _keys(patches: Sequence[Patch], stack: LayerStack) -> list[tuple]:
         inside_first = patch.layer if sheet.kind == "planar" else -patch.layer
         keys.append((level, inside_first))
     return keys
+
+
+@dataclass(frozen=True, eq=False)
+class _Graph:
+    """Patches with what they lie on and what stands in their way."""
+
+    patches: tuple[Patch, ...]
+    material: Material
+    samples: Samples
+    support: Support
+    blocked: Floats
+
+    @classmethod
+    def of(
+        cls,
+        patches: Sequence[Patch],
+        stack: LayerStack,
+        cell: Workcell,
+        surroundings: DistanceField,
+        tool: ToolShape,
+        settings: PrintabilitySettings,
+        material: Material | None = None,
+        block: bool = True,
+    ) -> _Graph:
+        count = len(patches)
+        if material is None:
+            material = Material(stack.part, patches, stage_height(stack))
+        owner = np.repeat(np.arange(count), np.diff(material.first))
+        samples = sample_patches(patches)
+        support = find_support(
+            samples, count, material, owner, surroundings, cell.placement.plate_z_mm
+        )
+        blocked = np.zeros((count, count))
+        if block:
+            blocked = find_blocking(samples, samples, count, tool, settings.clearance_mm)
+        return cls(tuple(patches), material, samples, support, blocked)
+
+    @property
+    def hard(self) -> Bools:
+        """Edges of support: of two that lie on each other, the one that carries more."""
+        share = self.support.share
+        hard = share > SUPPORT_SHARE
+        return hard & ~(hard.T & (share < share.T))
+
+    @property
+    def soft(self) -> Floats:
+        """Weights of the edges of blocking."""
+        return np.where(self.blocked > BLOCK_SHARE, self.blocked, 0.0)
+
+    def tangles(self) -> list[list[int]]:
+        """Groups of patches that wait for each other."""
+        return cycles(self.hard | (self.soft > 0))
+
+
+def _untangled(
+    graph: _Graph,
+    stack: LayerStack,
+    cell: Workcell,
+    surroundings: DistanceField,
+    tool: ToolShape,
+    settings: PrintabilitySettings,
+    report: Report,
+) -> _Graph:
+    """Resolve cycles: first by steeper tool axes, then by cutting into bands of height."""
+    for most_deg in TILTS_DEG:
+        patches = list(graph.patches)
+        for nodes in graph.tangles():
+            for node in nodes:
+                patches[node] = _raised(patches[node], np.radians(most_deg), settings)
+        samples = sample_patches(patches)
+        blocked = find_blocking(samples, samples, len(patches), tool, settings.clearance_mm)
+        steeper = replace(graph, patches=tuple(patches), samples=samples, blocked=blocked)
+        if not steeper.tangles():
+            return steeper
+    for height in BANDS_MM:
+        report(Progress("ordering", 0.35))
+        tangled = {node for nodes in graph.tangles() for node in nodes}
+        patches = []
+        for node, patch in enumerate(graph.patches):
+            if node not in tangled:
+                patches.append(patch)
+                continue
+            low, high = patch.vertices[:, 2].min(), patch.vertices[:, 2].max()
+            first = cell.placement.plate_z_mm + height
+            cuts = np.arange(first, high - 0.3 * height, height)
+            patches += bands(patch, [float(z) for z in cuts if z > low + 0.3 * height])
+        if len(patches) > MOST_PATCHES:
+            break
+        if len(patches) > len(graph.patches):
+            graph = _Graph.of(patches, stack, cell, surroundings, tool, settings)
+        if not graph.tangles():
+            break
+    return graph
 
 
 def _raised(patch: Patch, most: float, settings: PrintabilitySettings) -> Patch:
@@ -259,7 +382,10 @@ def _prove(
             gap = np.full(len(tips), np.inf)
             for field, shape in fields:
                 gap = np.minimum(
-                    gap, field.clearance(shape, tips, axes, settings.clearance_mm + 0.3)
+                    gap,
+                    field.clearance(
+                        shape, tips, axes, settings.clearance_mm, settings.clearance_mm
+                    ),
                 )
             return gap
 
@@ -324,7 +450,8 @@ def _floating(samples: Samples, support: Support, rank: Ints, hard: Bools, count
         total = float(samples.area[own].sum())
         loose = float(samples.area[own & support.floating].sum())
         loose += total * float(support.share[late[:, node], node].sum())
-        area[rank[node]] = loose
+        # less than this is the grain of samples and voxels at the patch's rim
+        area[rank[node]] = loose if loose > FLOATING_SHARE * total else 0.0
     return area
 
 
@@ -360,7 +487,7 @@ def _with_sequence(
             where = (float(middle[0]), float(middle[1]), float(middle[2]))
             reasons.append(Reason("printed_part", patch.layer, area, where, remedy))
     for patch, area in zip(patches, floating):
-        if area > 1.0 and area > 0.02 * patch.area:
+        if area > 1.0:
             middle = patch.vertices.mean(0)
             where = (float(middle[0]), float(middle[1]), float(middle[2]))
             remedy = "a substrate under it (vega substrate), or --brr down"

@@ -31,8 +31,8 @@ def overlap_depth(vertices: Floats, faces: Ints, axis: int = 2) -> tuple[float, 
     flat = vertices[:, (u, v)]
     low = flat.min(0)
     step = float((flat.max(0) - low).max()) / RAYS
-    # Irrational offsets keep rays off vertices and edges of regular meshes.
-    origin = low - step * np.array([0.38196601, 0.23606798])
+    # Offsets of unrelated roots keep rays off the vertices and edges of regular meshes.
+    origin = low - step * np.array([0.38196601125, 0.29289321881])
     a, b, c = (flat[faces[:, k]] for k in range(3))
     lowest, highest = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
     first = np.ceil((lowest - origin) / step).astype(np.int64)
@@ -56,7 +56,12 @@ def overlap_depth(vertices: Floats, faces: Ints, axis: int = 2) -> tuple[float, 
     height = (wa * depth[:, 0] + wb * depth[:, 1] + wc * depth[:, 2]) / (wa + wb + wc)
     order = np.lexsort((height, ray))
     ray, height = ray[order], height[order]
-    turns = np.cumsum(np.where(up[order], -1, 1))  # entering through a face that looks down
+    sign = np.where(up[order], -1, 1)  # entering through a face that looks down
+    starts = np.flatnonzero(np.diff(ray, prepend=-1))
+    # A ray that met an edge after all misses a crossing; it is left out.
+    sound = np.add.reduceat(sign, starts) == 0 if len(starts) else starts == 0
+    kept = np.repeat(sound, np.diff(starts, append=len(ray)))
+    ray, height, turns = ray[kept], height[kept], np.cumsum(sign[kept])
     length = np.where(np.diff(ray) == 0, np.diff(height), 0.0)
     wrong = (turns[:-1] < 0) | (turns[:-1] > 1)
     inside = float(length[turns[:-1] != 0].sum())

@@ -127,6 +127,9 @@ def smoothed(
     Returns:
         Unit axes, shape (n, 3), and where they are clear.
     """
+    # where nothing is clear the normal's tilt stands, so as not to bend what is next to it
+    most_tilt = np.minimum(tilt_of(normals), np.radians(settings.max_tilt_deg))
+    tilt = np.where(found, tilt, most_tilt)
     smooth = tilt.copy()
     limit_slope(vertices, faces, smooth, np.radians(settings.max_tilt_rate_deg_mm))
     # a small cap turns faster than the rate allows; there the lean counts for more

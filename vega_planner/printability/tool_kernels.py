@@ -45,7 +45,7 @@ def _distance(field, origin, inverse, x, y, z):
 @njit(nogil=True, cache=True)
 def tool_clearance(
     points, axes, field, origin, inverse, start, step, inscribed, reach, rim_at, rim_radius,
-    enough, out,
+    enough, give_up, out,
 ):  # fmt: skip
     """Measure how far the tool stays from what a distance field holds.
 
@@ -65,8 +65,9 @@ def tool_clearance(
         reach: (m,) for a distance v = step * index the largest s with s + radius <= v.
         rim_at, rim_radius: (r,) rims: distance behind the tip, radius [mm].
         enough: Clearance [mm] beyond which the exact value does not matter.
+        give_up: A clearance below this ends the walk: how far below does not matter.
         out: (n,) float64, written: the clearance, negative where the tool is inside;
-            exact only where below `enough`.
+            exact only between `give_up` and `enough`.
     """
     last = (inscribed.shape[0] - 1) * step
     for i in range(points.shape[0]):
@@ -78,11 +79,13 @@ def tool_clearance(
             d = _distance(field, origin, inverse, px + ux * s, py + uy * s, pz + uz * s)
             gap = d - inscribed[int(s / step + 0.5)]
             best = min(best, gap)
+            if best < give_up:
+                break
             k = int((d + s - enough) / step)
             if k >= reach.shape[0]:
                 break
             s = max(s + 2.0 * step, reach[k] if k > 0 else 0.0)
-        if best > enough:
+        if best > enough or best < give_up:
             out[i] = best
             continue
         if abs(uz) < 0.9:

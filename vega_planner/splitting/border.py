@@ -17,6 +17,10 @@ from vega_planner.splitting.gaussian_process import GaussianProcess
 #: Half width of the band round the border the regression sees: in mm, and in edges.
 BAND_MM, BAND_EDGES = 6.0, 5.0
 
+#: Distance from the border within which the regression replaces the labels: a border may
+#: move by no more.
+CLOSE_MM, CLOSE_EDGES = 2.0, 2.5
+
 #: Value of the field beyond the band.
 FAR_MM = 10.0
 
@@ -61,9 +65,10 @@ def separating_field(
     band = np.flatnonzero(np.isfinite(distance))
     target = sign[band] * np.minimum(distance[band], 0.5 * band_mm)
     size = float(np.ptp(points, axis=0).max())
-    lengths = np.geomspace(max(4.0, 2 * edge_mm), max(60.0, 0.5 * size), 6)
+    lengths = np.geomspace(max(4.0, 2 * edge_mm), max(60.0, 0.5 * size), 5)
     process = GaussianProcess(mesh.vertices[band], target, lengths)
-    field[band] = process.mean(mesh.vertices[band])
-    close = band[np.abs(field[band]) < 2 * edge_mm]
+    close = band[distance[band] < max(CLOSE_MM, CLOSE_EDGES * edge_mm)]
+    field[close] = process.mean(mesh.vertices[close])
+    close = close[np.abs(field[close]) < edge_mm]
     deviation[close] = process.deviation(mesh.vertices[close])
     return field, deviation

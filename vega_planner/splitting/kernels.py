@@ -50,6 +50,15 @@ def _slot(keys, key):
 
 
 @njit(nogil=True, cache=True)
+def _put(new_faces, source, side, k, a, b, c, face, positive):
+    new_faces[k, 0] = a
+    new_faces[k, 1] = b
+    new_faces[k, 2] = c
+    source[k] = face
+    side[k] = positive
+
+
+@njit(nogil=True, cache=True)
 def cut_faces(vertices, faces, value, new_faces, source, ends, weight, side):
     """Cut triangles along the zero line of a vertex field, with shared cut vertices.
 
@@ -129,21 +138,12 @@ def cut_faces(vertices, faces, value, new_faces, source, ends, weight, side):
         c = faces[f, (first + 2) % 3]
         ab, bc, ca = at[first], at[(first + 1) % 3], at[(first + 2) % 3]
         if value[a] == 0:
-            new_faces[made] = (a, b, bc)
-            side[made] = value[b] > 0
-            new_faces[made + 1] = (a, bc, c)
-            side[made + 1] = value[c] > 0
-            source[made] = f
-            source[made + 1] = f
+            _put(new_faces, source, side, made, a, b, bc, f, value[b] > 0)
+            _put(new_faces, source, side, made + 1, a, bc, c, f, value[c] > 0)
             made += 2
             continue
-        new_faces[made] = (a, ab, ca)
-        side[made] = value[a] > 0
-        new_faces[made + 1] = (ab, b, c)
-        side[made + 1] = value[b] > 0
-        new_faces[made + 2] = (ab, c, ca)
-        side[made + 2] = value[b] > 0
-        for k in range(3):
-            source[made + k] = f
+        _put(new_faces, source, side, made, a, ab, ca, f, value[a] > 0)
+        _put(new_faces, source, side, made + 1, ab, b, c, f, value[b] > 0)
+        _put(new_faces, source, side, made + 2, ab, c, ca, f, value[b] > 0)
         made += 3
     return made, cuts

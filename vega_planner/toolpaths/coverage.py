@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -38,12 +39,11 @@ def volume_to_fill(patch: Patch) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _Grid:
-    """Segments of passes in a grid of cells."""
+    """Segments of passes, as starts and ends, in a grid of cells."""
 
-    a: Floats
-    b: Floats
+    lines: tuple[Floats, Floats]
     axes: Floats
-    cells: tuple
+    cells: tuple[Any, ...]
 
     @classmethod
     def of(cls, paths: Sequence[Toolpath], size: float) -> _Grid:
@@ -54,7 +54,7 @@ class _Grid:
         high = np.maximum(a.max(0), b.max(0)) + size
         shape = np.ceil((high - corner) / size).astype(np.int64) + 1
         begin, items = bucket_segments(a, b, corner, size, shape)
-        return cls(a, b, axes, (begin, items, corner, size, shape))
+        return cls((a, b), axes, (begin, items, corner, size, shape))
 
 
 def surface_samples(patch: Patch, step: float) -> tuple[Floats, Floats]:
@@ -104,11 +104,13 @@ def uncovered_area(
         return patch.area
     points, areas = surface_samples(patch, step_mm)
     grid = _Grid.of(paths, max(1.01 * reach_mm, 0.5))
-    distance = distance_to_segments(points, grid.a, grid.b, *grid.cells)
+    a, b = grid.lines
+    begin, items, corner, size, shape = grid.cells
+    distance = distance_to_segments(points, a, b, begin, items, corner, size, shape)
     return float(areas[distance > reach_mm].sum())
 
 
-def pass_gaps(paths: Sequence[Toolpath], spacing_mm: float) -> Floats:
+def pass_gaps(paths: Sequence[Toolpath], spacing_mm: float) -> tuple[Floats, Floats]:
     """Measure the distances between neighbouring lines of the passes of a patch.
 
     Args:
@@ -117,11 +119,16 @@ def pass_gaps(paths: Sequence[Toolpath], spacing_mm: float) -> Floats:
 
     Returns:
         Distances over the set spacing, one for each side of each segment that has a
-        neighbour there.
+        neighbour there, and the lengths of those segments [mm], both of shape (k,).
     """
     grid = _Grid.of(paths, 1.6 * spacing_mm)
-    gaps = gaps_beside(grid.a, grid.b, grid.axes, *grid.cells, 0.3 * spacing_mm, 1.6 * spacing_mm)
-    return gaps[gaps > 0] / spacing_mm
+    least, most = 0.3 * spacing_mm, 1.6 * spacing_mm
+    a, b = grid.lines
+    begin, items, corner, size, shape = grid.cells
+    gaps = gaps_beside(a, b, grid.axes, begin, items, corner, size, shape, least, most)
+    length = np.linalg.norm(b - a, axis=1)
+    has = gaps > 0
+    return gaps[has] / spacing_mm, np.column_stack([length, length])[has]
 
 
 @dataclass(frozen=True)

@@ -75,7 +75,7 @@ def distance_to_segments(points, a, b, begin, items, corner, size, shape):
     for p in range(points.shape[0]):
         best = size * size
         for c in range(3):
-            at[c] = int(math.floor((points[p, c] - corner[c]) / size))
+            at[c] = math.floor((points[p, c] - corner[c]) / size)
         for i in range(max(at[0] - 1, 0), min(at[0] + 2, shape[0])):
             for j in range(max(at[1] - 1, 0), min(at[1] + 2, shape[1])):
                 for k in range(max(at[2] - 1, 0), min(at[2] + 2, shape[2])):
@@ -131,7 +131,7 @@ def gaps_beside(a, b, axes, begin, items, corner, size, shape, nearest, farthest
             m[c] = 0.5 * (a[p, c] + b[p, c])
             t[c] = b[p, c] - a[p, c]
             length += t[c] * t[c]
-            at[c] = int(math.floor((m[c] - corner[c]) / size))
+            at[c] = math.floor((m[c] - corner[c]) / size)
         length = math.sqrt(length)
         if length < 1e-6:
             continue

@@ -132,6 +132,6 @@ def _inside(line: Line, spacing: float, has_rim: bool) -> list[Line]:
         if after > 0:
             part.append(rows[j : j + 1] + after * (rows[j + 1 : j + 2] - rows[j : j + 1]))
         new = np.concatenate(part)
-        if len(new) >= 2 and line_length(new, False) > 0.5 * spacing:
+        if len(new) >= 2 and line_length(new, False) > 1.5 * spacing:
             kept.append(replace(line, rows=new, closed=False))
     return kept

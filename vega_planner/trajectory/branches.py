@@ -75,9 +75,7 @@ def continuous_path(
     reached = np.ones(len(way.points), np.bool_)
     reached[rows] = solutions.valid[rows].any(1)
     require_reached(way, reached)
-    solutions = with_turns(
-        IKSolutions(solutions.candidates[rows], solutions.valid[rows]), robot
-    )
+    solutions = with_turns(IKSolutions(solutions.candidates[rows], solutions.valid[rows]), robot)
     q, valid = solutions.candidates, solutions.valid
     endless = robot.chain.revolute & (robot.upper >= UNLIMITED)
     step = np.diff(way.path[rows])
@@ -96,6 +94,7 @@ def continuous_path(
         endless,
         allowed,
         jump_costs(way)[rows[:-1]],
+        0.0,
         choice,
     )
     path = q[np.arange(len(q)), choice]

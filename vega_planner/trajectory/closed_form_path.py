@@ -22,7 +22,7 @@ from vega_planner.robot.robot import Robot
 from vega_planner.trajectory import branch_kernels
 from vega_planner.trajectory.branches import continuous_path, require_reached
 from vega_planner.trajectory.joint_path import lost
-from vega_planner.trajectory.waypoints import Waypoints, refined
+from vega_planner.trajectory.waypoints import Waypoints, evenly_cut, refined
 
 #: Half angles of the cone that are tried [deg].
 CONES_DEG = (3.0, 2.0, 1.4, 0.9, 0.5)
@@ -131,13 +131,7 @@ class ClosedFormPath:
         widest = 1.5 * np.sin(np.radians(CONES_DEG[0]))
         near = way.joined & (np.minimum(sine[:-1], sine[1:]) - turn < widest)
         pieces = np.where(near, np.ceil(turn / _NEAR_STEP), 1).astype(np.int64)
-        rows = np.flatnonzero(pieces > 1)
-        if not len(rows):
-            return way
-        count = pieces[rows] - 1
-        interval = np.repeat(rows, count)
-        within = np.arange(len(interval)) - np.repeat(np.cumsum(count) - count, count) + 1
-        return refined(way, interval, within / pieces[interval])[0]
+        return refined(way, *evenly_cut(pieces))[0] if pieces.max() > 1 else way
 
     def _choose_across(self, way: Waypoints, sine: Floats) -> tuple[Waypoints, Floats, Ints]:
         """Branch choice that leaves out the poses in the cone, and blends through them."""
@@ -223,7 +217,9 @@ class ClosedFormPath:
             second = closed_form_kernels.nearest_second_angle(
                 self.form.geometry, axes[i], first[i], trig
             )
-            closed_form_kernels.linear_axes(self.form.geometry, points[i], *trig, q[i])
+            closed_form_kernels.linear_axes(
+                self.form.geometry, points[i], trig[0], trig[1], trig[2], trig[3], q[i]
+            )
             q[i, 3] = first[i]
             q[i, 4] = closed_form_kernels.into_limits(
                 second, self.robot.lower[4], self.robot.upper[4]

@@ -11,7 +11,7 @@ import numpy as np
 from vega_planner.datatypes import Bools, Floats, Ints
 from vega_planner.errors import Unreachable
 from vega_planner.robot.robot import Robot
-from vega_planner.trajectory.waypoints import Waypoints, refined, turned_evenly
+from vega_planner.trajectory.waypoints import Waypoints, evenly_cut, refined, turned_evenly
 
 #: Largest step of a rotary joint between two samples [rad].
 LARGEST_STEP = 0.15
@@ -83,13 +83,9 @@ def joint_path(way: Waypoints, robot: Robot, solver: PathSolver, tolerance: floa
     for _ in range(_ROUNDS):
         fixed = reconfigures[way.segment]
         pieces = _pieces(way, q, fixed, robot, tolerance)
-        rows = np.flatnonzero(pieces > 1)
-        if not len(rows):
+        if pieces.max() == 1:
             break
-        count = pieces[rows] - 1
-        interval = np.repeat(rows, count)
-        within = np.arange(len(interval)) - np.repeat(np.cumsum(count) - count, count) + 1
-        way, place = refined(way, interval, within / pieces[interval])
+        way, place = refined(way, *evenly_cut(pieces))
         base = np.floor(place).astype(np.int64)
         part = place - base
         after = np.minimum(base + 1, len(q) - 1)

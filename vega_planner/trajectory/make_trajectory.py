@@ -10,8 +10,8 @@ from vega_planner.progress import Progress, Report, silent
 from vega_planner.robot.robot import Robot
 from vega_planner.robot.workcell import Workcell
 from vega_planner.settings import TrajectorySettings
-from vega_planner.trajectory.dispensing import switching_times
 from vega_planner.trajectory.closed_form_path import ClosedFormPath
+from vega_planner.trajectory.dispensing import switching_times
 from vega_planner.trajectory.joint_path import JointPath, PathSolver, joint_path
 from vega_planner.trajectory.time_law import Timing, time_path
 from vega_planner.trajectory.waypoints import knots_for_timing, refined, waypoints_of
@@ -82,7 +82,11 @@ def make_trajectory(
 
 def path_solver(robot: Robot, speed: float) -> PathSolver:
     """Choose the inverse kinematics along a path: closed form where there is one."""
-    return ClosedFormPath(robot, speed)
+    if robot.closed_form is not None:
+        return ClosedFormPath(robot, speed)
+    from vega_planner.trajectory.free_turn_path import FreeTurnPath
+
+    return FreeTurnPath(robot)
 
 
 def _assembled(path: JointPath, timing: Timing, cell: Workcell, speed: float) -> PrintTrajectory:

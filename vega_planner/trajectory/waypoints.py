@@ -19,6 +19,8 @@ _NEAREST = 1e-4
 _JOINT_GAP = 2e-6
 #: Corners above this may slow the tip [rad].
 _SHARP = 0.05
+#: First pose after a segment's start, and before its end, at the latest [m].
+_FIRST_STEP = 5e-5
 #: On travel, turning by one radian counts as much path as this length [m].
 TRAVEL_RADIUS = 0.02
 
@@ -166,6 +168,19 @@ def refined(way: Waypoints, interval: Ints, fraction: Floats) -> tuple[Waypoints
     return Waypoints(points, axes, path, starts, way.path_id), index + part
 
 
+def evenly_cut(pieces: Ints) -> tuple[Ints, Floats]:
+    """List the poses that cut intervals into equal pieces, as `refined` takes them.
+
+    Args:
+        pieces: Number of pieces of each interval, shape (n - 1,); 1 leaves it whole.
+    """
+    rows = np.flatnonzero(pieces > 1)
+    count = pieces[rows] - 1
+    interval = np.repeat(rows, count)
+    within = np.arange(len(interval)) - np.repeat(np.cumsum(count) - count, count) + 1
+    return interval, within / pieces[interval]
+
+
 def turned_evenly(a: Floats, b: Floats, fraction: Floats) -> Floats:
     """Turn unit vectors a towards b by a fraction of the angle between them (slerp)."""
     cosine = np.clip(np.einsum("ij,ij->i", a, b), -1.0, 1.0)
@@ -215,23 +230,20 @@ def knots_for_timing(
     near = np.where(corner > 1e-3, 8.0 * tolerance / np.maximum(corner, 1e-3), np.inf)
     pieces: list[tuple[Ints, Floats]] = []
 
-    def add(wanted: Bools, distance: Floats) -> None:
-        """Pose at a distance from the interval's start (negative: from its end)."""
-        share = np.abs(distance) / np.where(length > 0, length, 1.0)
-        rows = np.flatnonzero(wanted & joined & (share < 0.45))
-        share = share[rows]
-        pieces.append((rows, np.where(distance[rows] > 0, share, 1.0 - share)))
+    def add(wanted: Bools, distance: Floats, side: int) -> None:
+        """A pose at a distance from the interval's start, or from its end; or in its middle."""
+        rows = np.flatnonzero(wanted & joined & (distance < length))
+        share = np.minimum(distance[rows] / length[rows], 0.5)
+        pieces.append((rows, share if side > 0 else 1.0 - share))
 
-    for factor in (1.0, 3.0, 9.0):
-        add(first, factor * braking)
-        add(last, -factor * braking)
-    add(np.isfinite(near[:-1]), near[:-1])
-    add(np.isfinite(near[1:]), -near[1:])
-    # What is slowed in a corner gets its speed back a braking distance on.
-    beside = np.where(corner > _SHARP, np.minimum(near, 1.0), np.inf)
-    for factor in (2.0, 6.0):
-        add(np.isfinite(beside[:-1]), beside[:-1] + factor * braking)
-        add(np.isfinite(beside[1:]), -(beside[1:] + factor * braking))
+    # What is slow at an end or in a corner gets its speed back over the braking distance.
+    for end, at, side in ((first, near[:-1], 1), (last, near[1:], -1)):
+        add(np.isfinite(at), at, side)
+        slow = end | (at < 8.0 * tolerance / _SHARP)
+        distance = np.where(end, np.minimum(braking, _FIRST_STEP), 3.0 * at)
+        while (again := slow & (distance <= 9.0 * braking) & (distance < 0.5 * length)).any():
+            add(again, distance, side)
+            distance = 3.0 * distance
     rows = np.concatenate([piece[0] for piece in pieces])
     shares = np.concatenate([piece[1] for piece in pieces])
     return rows, shares

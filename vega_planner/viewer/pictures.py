@@ -19,6 +19,7 @@ from vega_planner.datatypes import Bools, Floats, Ints
 from vega_planner.viewer import raster_kernels as kernels
 
 Image = NDArray[np.uint8]
+Colours = NDArray[np.float32]
 
 #: Pixels are drawn this much finer and averaged.
 _FINER = 2
@@ -70,8 +71,8 @@ class Scene:
         lines: Points (n, 3), where they are joined (n - 1,), colours (n, 3).
     """
 
-    meshes: list[tuple[Floats, Ints, Floats]] = field(default_factory=list)
-    lines: list[tuple[Floats, Bools, Floats]] = field(default_factory=list)
+    meshes: list[tuple[Floats, Ints, Colours]] = field(default_factory=list)
+    lines: list[tuple[Floats, Bools, Colours]] = field(default_factory=list)
 
     def add_mesh(self, vertices: Floats, faces: Ints, colours: ArrayLike) -> None:
         """Add a mesh; one colour (3,) or one for each vertex (n, 3), 0 to 255."""
@@ -96,8 +97,8 @@ def draw(scene: Scene, view: View, line_width_mm: float = 0.0) -> Image:
         Picture, shape (height, width, 3) uint8.
     """
     turned = view.axes.T
-    meshes = [(vertices @ turned, *rest) for vertices, *rest in scene.meshes]
-    lines = [(points @ turned, *rest) for points, *rest in scene.lines]
+    meshes = [(vertices @ turned, faces, colours) for vertices, faces, colours in scene.meshes]
+    lines = [(points @ turned, joined, colours) for points, joined, colours in scene.lines]
     low, high = _bounds(
         [_used(points, faces) for points, faces, _ in meshes] + [p for p, *_ in lines]
     )
@@ -107,8 +108,8 @@ def draw(scene: Scene, view: View, line_width_mm: float = 0.0) -> Image:
     image = np.full((size[1], size[0], 3), 255, np.float32)
     depth = np.full((size[1], size[0]), -np.inf, np.float32)
     light = np.array([-0.35, -0.55, 0.76])
-    for points, faces, colours in meshes:
-        kernels.draw_triangles(image, depth, points * scale + shift, faces, colours, light)
+    for vertices, faces, colours in meshes:
+        kernels.draw_triangles(image, depth, vertices * scale + shift, faces, colours, light)
     radius = 0.5 * max(line_width_mm * scale, _FINER)
     for points, joined, colours in lines:
         kernels.draw_lines(image, depth, points * scale + shift, joined, colours, radius, 2.0)

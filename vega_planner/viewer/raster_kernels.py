@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
+# mypy: disable-error-code="no-untyped-def"
 """Kernels that draw triangles and lines into an image with a depth buffer."""
 
 from __future__ import annotations

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Machines written as URDF by formula: wrists of several kinds on three linear axes, and arms."""
+"""What tests of several rooms share: machines written as URDF by formula."""
 
 from __future__ import annotations
+
+import pytest
 
 LINK = (
     '<link name="{}"><inertial><mass value="1"/><inertia ixx="1e-3" iyy="1e-3" izz="1e-3" '
@@ -9,7 +11,9 @@ LINK = (
 )
 
 
-def joint(name, kind, parent, child, xyz, axis="0 0 1", limits=(-1.0, 1.0), rpy="0 0 0", speed=6.28):
+def joint(
+    name, kind, parent, child, xyz, axis="0 0 1", limits=(-1.0, 1.0), rpy="0 0 0", speed=6.28
+):
     lower, upper = limits
     limit = f'<limit lower="{lower}" upper="{upper}" velocity="{speed}" effort="1"/>'
     return (
@@ -20,7 +24,7 @@ def joint(name, kind, parent, child, xyz, axis="0 0 1", limits=(-1.0, 1.0), rpy=
     )
 
 
-def gantry(
+def gantry_urdf(
     first="0 0 1",
     second="0 1 0",
     first_limits=(-6.3, 6.3),
@@ -45,3 +49,39 @@ def gantry(
         "</robot>",
     ]
     return "\n".join(parts)
+
+
+@pytest.fixture(scope="session")
+def machine_urdf():
+    """The function that writes a gantry machine."""
+    return gantry_urdf
+
+
+@pytest.fixture(scope="session")
+def gantry(tmp_path_factory):
+    """Make the cell of a gantry machine; arguments as of `gantry_urdf`."""
+    from vega_planner.robot import load_cell
+    from vega_planner.settings import CellSettings
+
+    def make(**wrist):
+        path = tmp_path_factory.mktemp("machine") / "gantry.urdf"
+        path.write_text(gantry_urdf(**wrist))
+        return load_cell(CellSettings(robot=str(path)))
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def vega5():
+    from vega_planner.robot import load_cell
+    from vega_planner.settings import CellSettings
+
+    return load_cell(CellSettings(robot="vega5"))
+
+
+@pytest.fixture(scope="session")
+def ur5e():
+    from vega_planner.robot import load_cell
+    from vega_planner.settings import CellSettings
+
+    return load_cell(CellSettings(robot="ur5e"))
