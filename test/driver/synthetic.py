@@ -16,7 +16,9 @@ LIMITS = {
 }
 
 
-def zigzag_job(passes: int = 5, seconds: float = 4.0, joints: tuple[str, ...] = JOINTS) -> PrintJob:
+def zigzag_job(
+    passes: int = 5, seconds: float = 4.0, joints: tuple[str, ...] = JOINTS
+) -> PrintJob:
     """Straight passes of 20 mm at 5 mm/s with 1 s of travel between them."""
     step, times, rows, extrude, path_id = 0.02, [], [], [], []
     clock = 0.0

@@ -80,7 +80,7 @@ def test_pause_resume_and_override_do_not_leave_the_path():
     assert executor.state == "done"
     from vega_robot_driver.kernels import find, hermite
 
-    for u, _, target in log[:: 17]:
+    for u, _, target in log[::17]:
         place, speed = np.empty(5), np.empty(5)
         if u >= 0:
             index = find(job.times, u, 0)
@@ -174,7 +174,7 @@ def test_a_path_faster_than_the_limits_faults_before_the_wire():
         job.path_layer,
     )
     executor = new_executor()
-    with pytest.raises(InvalidInput, match="limit 0.5"):
+    with pytest.raises(InvalidInput, match=r"limit 0\.5"):
         executor.check_job(quick)
     executor.load(quick)  # and if it had slipped through, it would end here
     executor.run()
@@ -225,7 +225,11 @@ def test_simulated_axes_follow_closely_and_deterministically():
     assert 0 < error < 1e-4  # a lag of tens of micrometres, not none
 
 
-@given(st.lists(st.tuples(st.floats(0.05, 2.0), st.sampled_from(["stop", "fault", "pause"])), max_size=6))
+@given(
+    st.lists(
+        st.tuples(st.floats(0.05, 2.0), st.sampled_from(["stop", "fault", "pause"])), max_size=6
+    )
+)
 @settings(deadline=None, derandomize=True, max_examples=12)
 def test_no_bead_is_printed_twice_or_left_out(interruptions):
     """Whatever interrupts a print, what is deposited over all runs is each span once."""

@@ -109,7 +109,11 @@ def test_a_dead_or_frozen_client_leaves_the_dispenser_off_and_the_axes_held(tmp_
         held = page.read().targets
         until(lambda: page.read().cycles > status.cycles + 200)
         assert (page.read().targets == held).all()
-        until(lambda: getattr(read_checkpoint(tmp_path / "checkpoint.json"), "state", "") == "stopped")
+        until(
+            lambda: (
+                getattr(read_checkpoint(tmp_path / "checkpoint.json"), "state", "") == "stopped"
+            )
+        )
         checkpoint = read_checkpoint(tmp_path / "checkpoint.json")
         assert checkpoint is not None and checkpoint.unfinished
         assert checkpoint.job == zigzag_job(3).digest()
