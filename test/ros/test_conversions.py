@@ -160,7 +160,6 @@ def test_a_wrong_goal_is_told_in_one_line(goal, text):
 
 
 def test_markers_in_raw_cdr_are_what_the_message_type_reads():
-    six = RANDOM.normal(size=(6, 3))
     shapes = [
         ShapeMarker(
             "layer_000", 3, TRIANGLE_LIST, RANDOM.normal(size=(6, 3)), (1, 0.5, 0, 1), "part"
