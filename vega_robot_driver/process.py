@@ -272,7 +272,7 @@ class RealTimeLoop:
 
     def _checkpoint(self, path: int) -> None:
         executor, now = self._executor, time.monotonic()
-        if not executor.digest:
+        if not executor.digest or executor.state in ("off", "idle"):
             return
         when, last_path, last_state = self._last_checkpoint
         due = executor.state == "printing" and now - when > CHECKPOINT_PERIOD

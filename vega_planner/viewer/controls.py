@@ -69,7 +69,7 @@ class Controls:
         self.use_specs = gui.add_button("Use these SPECs")
         self.clear = gui.add_button("Clear region")
         self.preview = gui.add_checkbox(
-            "show resulting layers", False, hint="Work the layers out after each click."
+            "show resulting layers", True, hint="Work the layers out after each click."
         )
         self.command = gui.add_markdown("")
 
