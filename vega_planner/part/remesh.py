@@ -22,6 +22,8 @@ from vega_planner.progress import Progress, Report
 GRID_POINTS = 400_000
 #: Points asked between two reports.
 SLICE = 8192
+#: Evaluations of the level set between two reports, a tenth of a second of them.
+LEVEL_CALLS = 30_000
 #: Grid spacings from the surface within which every point is asked: a coarse neighbour
 #: is √3 away, and the level set looks one further.
 NEAR = 4.0
@@ -88,7 +90,14 @@ def remesh(vertices: Floats, faces: Ints, report: Report) -> Remeshed:
         )
     signed[~inside] *= -1
 
+    calls = 0
+
     def level(x: float, y: float, z: float) -> float:
+        nonlocal calls
+        calls += 1
+        if calls % LEVEL_CALLS == 0:
+            share = min(1.0, calls / (3 * signed.size))
+            report(Progress("part", 0.4 + 0.2 * share, detail="remeshing"))
         return trilinear(
             signed, (x - low[0]) / spacing, (y - low[1]) / spacing, (z - low[2]) / spacing
         )
