@@ -101,9 +101,7 @@ def plan(
     with stages.enter("checks") as tell:
         check = check_toolpaths(toolpaths, order.patches, stack, cell, settings.printability, tell)
         proof = certificate(part, settings, cell, toolpaths, trajectory, check)
-        coverage = measure_coverage(
-            order.patches, toolpaths, stack, settings.toolpaths.width_mm
-        )
+        coverage = measure_coverage(order.patches, toolpaths, stack, settings.toolpaths.width_mm)
     return PrintPlan(
         settings=settings,
         part=part,

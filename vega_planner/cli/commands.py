@@ -126,7 +126,7 @@ def print_(options: argparse.Namespace) -> int:
 def substrate(options: argparse.Namespace) -> int:
     """Write the conformal substrate of a part."""
     from vega_planner.part import load_part
-    from vega_planner.substrate import write_substrate
+    from vega_planner.results.substrate_file import write_substrate
 
     part = load_part(options.part, read_settings(options).part)
     path = write_substrate(part, options.output, clearance_mm=options.clearance)

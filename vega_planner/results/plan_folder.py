@@ -12,8 +12,10 @@ import numpy as np
 from vega_planner.datatypes import Ints, Layer, Part, Patch
 from vega_planner.results.folder import write_folder
 from vega_planner.results.ply import mesh_ply
+from vega_planner.results.stl import mesh_stl
 from vega_planner.results.summary import summary_json
 from vega_planner.results.tables import toolpath_csv, trajectory_csv, velocities_csv
+from vega_planner.settings import as_dict
 
 if TYPE_CHECKING:
     from vega_planner.pipeline import PrintPlan
@@ -45,6 +47,8 @@ def write_plan(plan: PrintPlan, folder: str | Path) -> Path:
     files = {"part.ply": mesh_ply(plan.part.vertices, plan.part.faces)}
     if plan.part.restrained.any():
         files["restraint.ply"] = _restraint_ply(plan.part)
+    if plan.cell.substrate is not None:
+        files["substrate.stl"] = mesh_stl(plan.cell.substrate)
     reasons = plan.printability.face_reasons or (None,) * len(plan.stack.sheets)
     envelopes = len(plan.stack.layers)
     for index, (layer, reason) in enumerate(zip(plan.stack.sheets, reasons, strict=True)):
@@ -56,6 +60,7 @@ def write_plan(plan: PrintPlan, folder: str | Path) -> Path:
     files["trajectory.csv"] = trajectory_csv(plan.trajectory)
     files["velocities.csv"] = velocities_csv(plan.trajectory)
     files["certificate.json"] = _json(plan.certificate)
+    files["settings.yaml"] = _yaml(as_dict(plan.settings))
     files["summary.json"] = summary_json(plan.summary)
     files["plan.html"] = plan_page(plan)
     return write_folder(folder, files, OBSOLETE)
@@ -63,6 +68,12 @@ def write_plan(plan: PrintPlan, folder: str | Path) -> Path:
 
 def _json(values: dict) -> bytes:
     return (json.dumps(values, indent=2, ensure_ascii=False, allow_nan=False) + "\n").encode()
+
+
+def _yaml(values: dict) -> bytes:
+    import yaml
+
+    return yaml.safe_dump(values, sort_keys=False, allow_unicode=True).encode()
 
 
 def _restraint_ply(part: Part) -> bytes:

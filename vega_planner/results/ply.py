@@ -31,8 +31,8 @@ def mesh_ply(
     table = np.zeros(len(vertices), vertex_type)
     for k, axis in enumerate("xyz"):
         table[axis] = vertices[:, k]
-    for name, values in extra.items():
-        table[name] = values
+    for name, column in extra.items():
+        table[name] = column
     marks = dict(per_face or {})
     rows = np.zeros(len(faces), _face_type(list(marks)))
     rows["n"], rows["v"] = 3, faces
