@@ -73,7 +73,9 @@ def _walk(line: Line, start: int, waiting: list[Line], spacing: float, longest: 
     pieces: list[Floats] = []
     while True:
         if line.closed:
-            rows = unroll(line.rows, segment, place, forward, spacing)
+            # no link fills the slot at the very first loop: it is left narrower
+            gap = spacing if pieces else 0.6 * spacing
+            rows = unroll(line.rows, segment, place, forward, gap)
         else:
             rows = line.rows if forward else line.rows[::-1]
         found = _nearest(rows[-1], line, waiting, longest)

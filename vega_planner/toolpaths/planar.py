@@ -33,6 +33,9 @@ _LINK_ROOM = 1.35
 #: A strip narrower than twice this, in spacings, gets one line instead of two walls.
 _TWO_WALLS = 0.65
 
+#: A blob between walls with more area than this, in spacings squared, gets a bead.
+_BLOB = 0.2
+
 
 def outline(surface: Surface) -> list[Floats]:
     """Chain the rim edges of a flat patch into loops, material to their left.
@@ -151,7 +154,7 @@ def concentric_lines(
         need = max(_TWO_WALLS * spacing, inset)
         wide = _offset(_offset(left, -need), need)
         walls = _offset(wide.intersection(left), -inset)
-        covered = _offset(walls, inset + 1e-6)
+        covered = walls.buffer(inset + 1e-6)  # round, so that sharp corners cover no more
         strips = [_strip_line(strip, spacing) for strip in _polygons(left.difference(covered))]
         found = [strip for strip in strips if strip is not None]
         rest = _offset(wide, -spacing)
@@ -219,6 +222,14 @@ def _strip_line(strip: Any, spacing: float) -> tuple[Floats, bool, float] | None
     ring = np.asarray(strip.exterior.segmentize(0.25 * spacing).coords)[:-1]
     rows = middle_line(np.column_stack([ring, np.zeros(len(ring))]))
     length = float(line_length(rows, False))
+    if length < 1.6 * spacing and area > _BLOB * spacing**2:
+        # a corner where walls part: a short bead closes the shaft it would leave
+        box = strip.minimum_rotated_rectangle
+        sides = np.diff(np.asarray(box.exterior.coords)[:3], axis=0)
+        along = sides[np.argmax(np.linalg.norm(sides, axis=1))]
+        half = 0.25 * spacing * along / np.linalg.norm(along)
+        middle = np.array([strip.centroid.x, strip.centroid.y])
+        return np.array([middle - half, middle + half]), False, area / (0.5 * spacing)
     if length < 0.8 * spacing or area / length < 0.25 * spacing:
         return None
     # the ends turn into corners of the strip; the bead's own end reaches that far
