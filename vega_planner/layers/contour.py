@@ -132,7 +132,7 @@ def contour_levels(
     return _by_level(position, vertex_level, vertex_slot, is_rim, inward, faces, r0, t)
 
 
-def _quads(grid, sources, leave, r0, t, counts, members, corner_step, slabs, base):  # type: ignore[no-untyped-def]
+def _quads(grid, sources, leave, r0, t, counts, members, corner_step, slabs, base):
     """Collect the quads of all slabs in order."""
     _, ny, nz = grid.shape
 
@@ -149,7 +149,7 @@ def _quads(grid, sources, leave, r0, t, counts, members, corner_step, slabs, bas
     return np.concatenate(map_threads(collect, slabs))
 
 
-def _by_level(position, vertex_level, vertex_slot, is_rim, inward, faces, r0, t):  # type: ignore[no-untyped-def]
+def _by_level(position, vertex_level, vertex_slot, is_rim, inward, faces, r0, t):
     """Sort vertices and faces into one sheet per level."""
     a, b, c = position[faces[:, 0]], position[faces[:, 1]], position[faces[:, 2]]
     apart = (a != b).any(1) & (b != c).any(1) & (c != a).any(1)

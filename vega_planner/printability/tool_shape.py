@@ -72,7 +72,8 @@ class ToolShape:
         distance = np.array(tool.distance, dtype=float)
         radius = np.array(tool.radius, dtype=float)
         end = distance[-1]
-        along: Floats = np.arange(int(np.floor(end / STEP_MM + 1e-9)) + 1) * STEP_MM
+        count = int(np.floor(end / STEP_MM + 1e-9)) + 1
+        along: Floats = np.arange(count, dtype=np.float64) * STEP_MM
         samples = np.interp(along, distance, radius)
         inscribed = np.maximum(_distance_to_profile(along, distance, radius, start_mm), 0.0)
         far = np.arange(int(np.ceil((along + inscribed).max() / STEP_MM)) + 2) * STEP_MM
