@@ -66,12 +66,15 @@ class ClosedForm:
             abs(np.linalg.det(np.array(axes[:3]))) > _INDEPENDENT and spread > _INDEPENDENT
         )
 
-    def solve(self, points: Floats, axes: Floats) -> tuple[Floats, Bools, Bools]:
+    def solve(
+        self, points: Floats, axes: Floats, *, first_only: bool = False
+    ) -> tuple[Floats, Bools, Bools]:
         """Find both branches of each target.
 
         Args:
             points: Tip positions [m], shape (n, 3).
             axes: Unit nozzle axes, shape (n, 3).
+            first_only: Leave out the second branch where the first one is valid.
 
         Returns:
             Candidates (n, 2, 5), whether they keep all limits (n, 2), and whether they keep
@@ -88,6 +91,7 @@ class ClosedForm:
                 self.upper,
                 points[rows],
                 axes[rows],
+                first_only,
                 q[rows],
                 valid[rows],
                 wrist[rows],

@@ -60,13 +60,14 @@ def linear_axes(geometry, point, c1, s1, c2, s2, out):
 
 
 @njit(nogil=True, cache=True)
-def solve_many(geometry, lower, upper, points, axes, q, valid, wrist):
+def solve_many(geometry, lower, upper, points, axes, first_only, q, valid, wrist):
     """Both branches of Paden and Kahan's second subproblem for each target.
 
     With w1, w2 the rotary axes, u0 the nozzle at rest and U the wanted axis, z = R2 u0 =
     R1^T U is written z = a w1 + b w2 +- g w1 x w2; the linear axes then take what is left.
 
-    q (n, 2, 5); valid: within all limits; wrist: within the rotary limits alone.
+    q (n, 2, 5); valid: within all limits; wrist: within the rotary limits alone. With
+    `first_only` the second branch is left out where the first one is valid.
     """
     w1, w2, u0 = geometry[1], geometry[2], geometry[6]
     d = w1[0] * w2[0] + w1[1] * w2[1] + w1[2] * w2[2]
@@ -84,6 +85,8 @@ def solve_many(geometry, lower, upper, points, axes, q, valid, wrist):
         b = (k2 - d * k1) / square
         g2 = (1.0 - a * a - b * b - 2.0 * a * b * d) / square
         for branch in range(2):
+            if branch == 1 and first_only and valid[i, 0]:
+                break
             g = math.sqrt(max(g2, 0.0)) * (1.0 - 2.0 * branch)
             z = (
                 a * w1[0] + b * w2[0] + g * cross[0],

@@ -23,6 +23,10 @@ from numba import njit
 LENGTH = 0.1
 
 
+#: Squared distance of targets, lengths over LENGTH, within which one's solution seeds the other.
+NEAR_TARGET = 0.1
+
+
 @njit(inline="always")
 def _apply(r, v):
     return (
@@ -304,9 +308,18 @@ def solve_seeded(chain, lower, upper, points, axes, seeds, tolerance, limit, q, 
     for i in range(n):
         found[i] = False
         axis = axes[i] if axes.shape[0] == n else free
+        # the last solution is a good seed where the targets lie close together
+        near = last >= 0
+        if near:
+            gap = 0.0
+            for k in range(3):
+                gap += ((points[i, k] - points[last, k]) / LENGTH) ** 2
+                if axes.shape[0] == n:
+                    gap += (axes[i, k] - axes[last, k]) ** 2
+            near = gap < NEAR_TARGET
         for s in range(-1, seeds.shape[1]):
             if s < 0:
-                if last < 0:
+                if not near:
                     continue
                 trial[:] = q[last]
             else:

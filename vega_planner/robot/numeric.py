@@ -20,6 +20,8 @@ from vega_planner.robot.chain import UNLIMITED, Chain
 TOLERANCE = 1e-9
 #: Iterations from one seed; what converges does so in 5 to 20.
 ITERATIONS = 60
+#: Iterations from the first seed: what has not converged by then seldom will.
+WARM_ITERATIONS = 14
 #: Seeds tried per target, and size of the table they come from.
 SEEDS = 12
 TABLE = 20_000
@@ -67,15 +69,19 @@ class Numeric:
         q = np.zeros((n, len(self.chain.lower)))
         found = np.zeros(n, np.bool_)
         near = ((points > self._box[0]) & (points < self._box[1])).all(1)
-        todo = np.flatnonzero(near)
+        # most targets need one seed only; the search for many is kept for the others
+        for count, limit in ((1, WARM_ITERATIONS), (seeds, ITERATIONS)):
+            todo = np.flatnonzero(near & ~found)
 
-        def work(piece: slice) -> None:
-            rows = todo[piece]
-            poses = np.hstack([points[rows] / kernels.LENGTH, axes[rows]])
-            _, index = self._tree.query(poses, k=seeds)
-            q[rows], found[rows] = self._run(points[rows], axes[rows], index, seeds)
+            def work(
+                piece: slice, count: int = count, limit: int = limit, todo: Ints = todo
+            ) -> None:
+                rows = todo[piece]
+                poses = np.hstack([points[rows] / kernels.LENGTH, axes[rows]])
+                _, index = self._tree.query(poses, k=count)
+                q[rows], found[rows] = self._run(points[rows], axes[rows], index, limit)
 
-        map_threads(work, [slice(i, i + _CHUNK) for i in range(0, len(todo), _CHUNK)])
+            map_threads(work, [slice(i, i + _CHUNK) for i in range(0, len(todo), _CHUNK)])
         return q, found
 
     def distinct(self, point: Floats, axis: Floats, count: int) -> tuple[Floats, Bools]:
@@ -114,9 +120,9 @@ class Numeric:
         """
         tree = cKDTree(self._tree.data[:, :3])
         _, index = tree.query(points / kernels.LENGTH, k=4)
-        return self._run(np.ascontiguousarray(points), np.zeros((0, 3)), index, 4)[1]
+        return self._run(np.ascontiguousarray(points), np.zeros((0, 3)), index, ITERATIONS)[1]
 
-    def _run(self, points: Floats, axes: Floats, index: Ints, seeds: int) -> tuple[Floats, Bools]:
+    def _run(self, points: Floats, axes: Floats, index: Ints, limit: int) -> tuple[Floats, Bools]:
         q = np.zeros((len(points), len(self.chain.lower)))
         found = np.zeros(len(points), np.bool_)
         kernels.solve_seeded(
@@ -125,9 +131,9 @@ class Numeric:
             self.chain.upper,
             points,
             axes,
-            self._table[index.reshape(len(points), seeds)],
+            self._table[index.reshape(len(points), -1)],
             TOLERANCE,
-            ITERATIONS,
+            limit,
             q,
             found,
         )

@@ -126,7 +126,7 @@ class Robot:
             axes: Unit vectors from the tip back along the nozzle, shape (n, 3).
         """
         if self.closed_form is not None:
-            return np.asarray(self.closed_form.solve(points, axes)[1].any(1))
+            return np.asarray(self.closed_form.solve(points, axes, first_only=True)[1].any(1))
         return self.numeric.solve(points, axes)[1]
 
     def reach_reason(self, points: Floats, axes: Floats) -> Ints:
@@ -137,7 +137,7 @@ class Robot:
             or WRIST_LIMIT (2: the tip gets there, but not with this axis), shape (n,).
         """
         if self.closed_form is not None:
-            _, valid, wrist = self.closed_form.solve(points, axes)
+            _, valid, wrist = self.closed_form.solve(points, axes, first_only=True)
             missing = np.where(wrist.any(1), OUT_OF_TRAVEL, WRIST_LIMIT)
             return np.where(valid.any(1), REACHED, missing)
         found = self.numeric.solve(points, axes)[1]
