@@ -26,6 +26,7 @@ print: setup
 		$(addprefix --settings ,$(wildcard $(basename $(PART)).yaml)) $(ARGS)
 
 test: setup
+	@.venv/bin/python tools/setup_browser.py
 	@.venv/bin/ruff check .
 	@.venv/bin/ruff format --check -q .
 	@.venv/bin/mypy
@@ -40,6 +41,9 @@ view: setup
 # Drawn files that are shipped: the sample parts and the expanded robot description.
 parts: setup
 	@.venv/bin/python parts/draw.py
+
+urdf: setup
+	@.venv/bin/python -m vega_planner.robot.description
 
 clean:
 	rm -rf build install log .venv out

@@ -153,7 +153,7 @@ def test_plate_and_clutter_are_cut_away(ideal):
     )  # fmt: skip
     box = ideal.block((8.0, 8.0, 15.0))
     vertices = np.concatenate(
-        [seen.vertices, np.column_stack([x, y, 0 * x]), box.vertices + [45, 5, 0]]
+        [seen.vertices, np.column_stack([x, y, 0 * x]), box.vertices + np.array([45, 5, 0])]
     )
     faces = np.concatenate(
         [seen.faces, plate + len(seen.vertices), box.faces + len(seen.vertices) + len(x)]

@@ -10,9 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from .envelopes import dome
 from vega_planner.printability import grid_kernels as kernels
 from vega_planner.printability.material import EMPTY, Material, grid_for, mesh_field
+
+from .envelopes import dome
 
 
 @settings(deadline=None, derandomize=True, max_examples=30)

@@ -7,8 +7,9 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from .envelopes import default_cell
 from vega_planner.printability.tool_shape import STEP_MM, ToolShape
+
+from .envelopes import default_cell
 
 TOOL = default_cell().tool
 

@@ -81,14 +81,14 @@ def test_impossible_dimensions_are_refused_by_name():
         make_substrate(egg(), height_mm=99.0)
     with pytest.raises(InvalidInput, match="clearance_mm is -1"):
         make_substrate(egg(), clearance_mm=-1.0)
-    with pytest.raises(InvalidInput, match="floor_mm is 0.05"):
+    with pytest.raises(InvalidInput, match=r"floor_mm is 0\.05"):
         make_substrate(egg(), floor_mm=0.05)
 
 
 def test_only_parts_without_a_flat_base_get_one():
     cell = load_cell(CellSettings())
     box = trimesh.creation.box((20, 20, 10))
-    v = np.array(box.vertices) + [0, 0, 5]
+    v = np.array(box.vertices) + np.array([0, 0, 5])
     flat = Part("box", v, np.array(box.faces), np.zeros(len(box.faces), bool))
     assert stands_flat(flat) and not stands_flat(egg())
     assert stand_on_substrate(cell, flat).substrate is None
