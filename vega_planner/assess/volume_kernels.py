@@ -33,7 +33,9 @@ _WEIGHTS = _sample_weights()
 
 @njit(nogil=True, cache=True)
 def _signed(corners, order, boxes, first_leaf, normals, x, y, z, hint, foot):
-    distance2, face, feature = closest(corners, order, boxes, first_leaf, x, y, z, hint, foot)
+    distance2, face, feature = closest(
+        corners, order, boxes, first_leaf, x, y, z, hint, np.inf, foot
+    )
     side = (
         (x - foot[0]) * normals[face, feature, 0]
         + (y - foot[1]) * normals[face, feature, 1]
