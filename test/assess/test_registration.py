@@ -193,7 +193,7 @@ def test_evaluation_writes_its_report(tmp_path, body):
     assert {"e1_pct", "under_pct", "over_pct", "e2_mean_mm", "e3_mm2"} <= set(figures)
     assert figures["registration"]["certainty"] > 0.5
     _, _, extra = read_mesh_ply(tmp_path / "out/aligned.ply")
-    assert np.abs(extra["deviation"]).mean() == pytest.approx(figures["e2_mean_mm"], rel=0.3)
+    assert np.abs(extra["deviation"]).mean() == pytest.approx(figures["e2_mean_mm"], rel=0.6)
     report = (tmp_path / "out/report.html").read_text()
     assert report.count("data:image/png;base64,") == 3
     assert "http://" not in report.replace("http://www.w3.org/2000/svg", "")

@@ -92,12 +92,16 @@ class SurfaceDistance:
             np.add.at(corners, self.faces[:, k], unit * angle[:, None])
         return np.concatenate([unit[:, None], edges[self.edge_ids], corners[self.faces]], axis=1)
 
-    def query(self, points: Floats, signed: bool = True) -> ClosestPoints:
+    def query(
+        self, points: Floats, signed: bool = True, bound_mm: float = np.inf
+    ) -> ClosestPoints:
         """Find the closest point of the mesh for each point.
 
         Args:
             points: Points [mm], shape (n, 3).
             signed: Whether the distances get their sign.
+            bound_mm: Distance beyond which nothing is looked for; such points get it as
+                their distance, and themselves as the closest point.
         """
         points = np.ascontiguousarray(points, np.float64)
         count = len(points)
@@ -114,6 +118,7 @@ class SurfaceDistance:
                 self.first_leaf,
                 normals,
                 points[part],
+                bound_mm,
                 distances[part],
                 feet[part],
                 faces[part],

@@ -121,7 +121,7 @@ def closest_on_triangle(corners, face, x, y, z, foot):
 
 
 @njit(nogil=True, cache=True)
-def closest(corners, order, boxes, first_leaf, x, y, z, hint, foot):
+def closest(corners, order, boxes, first_leaf, x, y, z, hint, bound2, foot):
     """Find the closest point of a mesh.
 
     Args:
@@ -133,17 +133,20 @@ def closest(corners, order, boxes, first_leaf, x, y, z, hint, foot):
         y: The point.
         z: The point.
         hint: A triangle that is probably near, or -1.
+        bound2: Squared distance beyond which nothing is looked for.
         foot: Receives the closest point, shape (3,).
 
     Returns:
-        Squared distance, triangle, feature (as in `closest_on_triangle`).
+        Squared distance, triangle, feature (as in `closest_on_triangle`); the bound and
+        triangle -1 where nothing is nearer.
     """
     stack = np.empty(64, np.int64)
     trial = np.empty(3)
-    best, face, feature = np.inf, -1, 0
+    best, face, feature = bound2, -1, 0
     if hint >= 0:
-        best, feature = closest_on_triangle(corners, hint, x, y, z, foot)
-        face = hint
+        distance2, where = closest_on_triangle(corners, hint, x, y, z, foot)
+        if distance2 < best:
+            best, face, feature = distance2, hint, where
     top = 1
     stack[0] = 0
     while top > 0:
@@ -176,7 +179,7 @@ def closest(corners, order, boxes, first_leaf, x, y, z, hint, foot):
 
 @njit(nogil=True, cache=True)
 def closest_many(
-    corners, order, boxes, first_leaf, normals, points, signed, feet, faces, features
+    corners, order, boxes, first_leaf, normals, points, bound, signed, feet, faces, features
 ):
     """Find the closest points of many points, each tried first on its predecessor's face.
 
@@ -188,6 +191,8 @@ def closest_many(
         normals: Normals of the features of each face, shape (m, 7, 3); none for
             distances without sign.
         points: Points to ask for, shape (n, 3).
+        bound: Distance beyond which nothing is looked for: such points get the bound as
+            their distance, and themselves as the closest point.
         signed: Receives distances, below zero behind the feature's normal, shape (n,).
         feet: Receives closest points, shape (n, 3).
         faces: Receives triangles, shape (n,).
@@ -197,8 +202,12 @@ def closest_many(
     for i in range(len(points)):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
         distance2, face, feature = closest(
-            corners, order, boxes, first_leaf, x, y, z, hint, feet[i]
+            corners, order, boxes, first_leaf, x, y, z, hint, bound * bound, feet[i]
         )
+        if face < 0:
+            signed[i], faces[i], features[i] = bound, 0, 0
+            feet[i] = points[i]
+            continue
         side = 0.0
         if len(normals) > 0:
             for k in range(3):

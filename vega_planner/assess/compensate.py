@@ -51,11 +51,13 @@ def compensated_part(part: Part, report_dir: str | Path) -> Part:
     near &= np.arange(len(signed)) % (1 + len(signed) // _MOST_POINTS) == 0
     normals = surface.normals[found.faces, 0]
     shift = _averaged(
-        fine.vertices, fine.vertex_normals, found.feet[near], normals[near], signed[near]
+        fine.vertices,
+        _normals(fine, ~fine.restrained)[0],
+        found.feet[near],
+        normals[near],
+        signed[near],
     )
-    shift = np.clip(shift, -MOST_MM, MOST_MM)
-    motion = -shift[:, None] * fine.vertex_normals
-    motion = _kept_in_restraint(motion, fine)
+    motion = _motion(np.clip(shift, -MOST_MM, MOST_MM), fine)
     moved = vertices + motion
     moved[:, 2] = np.maximum(moved[:, 2], 0.0)
     far = float(np.linalg.norm(motion, axis=1).max())
@@ -120,17 +122,28 @@ def _averaged(
     return np.where(total > 1e-9, (weights * values[near]).sum(1) / np.maximum(total, 1e-9), 0.0)
 
 
-def _kept_in_restraint(motion: Floats, part: Part) -> Floats:
-    """Take the motion square to the restrained faces away from their vertices."""
-    if not part.restrained.any():
-        return motion
+def _motion(shift: Floats, part: Part) -> Floats:
+    """Moves that take the surface back by `shift` and leave restrained faces in place.
+
+    A vertex on the border of the restraint region moves within it, as far as it takes
+    to move the free surface beside it.
+    """
+    loose, _ = _normals(part, ~part.restrained)
+    base, held = _normals(part, part.restrained)
+    within = loose - np.einsum("ij,ij->i", loose, base)[:, None] * base
+    length2 = np.maximum((within**2).sum(1), 0.25)[:, None]
+    motion = -shift[:, None] * np.where(held[:, None], within / length2, loose)
+    far = np.linalg.norm(motion, axis=1, keepdims=True)
+    return motion * np.minimum(1.0, MOST_MM / np.maximum(far, 1e-12))
+
+
+def _normals(part: Part, chosen: Bools) -> tuple[Floats, Bools]:
+    """Unit normals at the vertices of some faces, zero elsewhere, and which these are."""
     total = np.zeros_like(part.vertices)
     held: Bools = np.zeros(len(part.vertices), bool)
+    weighted = part.face_normals[chosen] * part.face_areas[chosen][:, None]
     for corner in range(3):
-        chosen = part.faces[part.restrained, corner]
-        np.add.at(total, chosen, part.face_normals[part.restrained])
-        held[chosen] = True
+        np.add.at(total, part.faces[chosen, corner], weighted)
+        held[part.faces[chosen, corner]] = True
     lengths = np.linalg.norm(total, axis=1, keepdims=True)
-    normal = total / np.where(lengths > 0, lengths, 1.0)
-    square = np.einsum("ij,ij->i", motion, normal)[:, None] * normal
-    return np.where(held[:, None], motion - square, motion)
+    return total / np.where(lengths > 0, lengths, 1.0), held

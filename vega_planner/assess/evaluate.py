@@ -163,7 +163,9 @@ def measure(
     report(Progress("measures", 0.85))
     closed = whole and moved.closed
     volumes = _solid_difference(moved, target, surface) if closed else _between(moved, deviation)
-    free_volumes = _between(moved, deviation, only_free=True)
+    free_volumes = volumes
+    if target.restrained.any():
+        free_volumes = _between(moved, deviation, only_free=True)
     return Evaluation(
         fidelity=_fidelity(volumes, target, surface_figures(sampled, back[covered])),
         free=_fidelity(free_volumes, target, surface_figures(sampled, back[loose], sampled.free)),
@@ -210,7 +212,7 @@ def _solid_difference(scan: Scan, target: Part, surface: SurfaceDistance) -> tup
 
     low = np.minimum(scan.vertices.min(0), target.bounds[0])
     high = np.maximum(scan.vertices.max(0), target.bounds[1])
-    voxel = float(max((high - low).max() / 400, np.cbrt(np.prod(high - low) / (0.1 * MOST_NODES))))
+    voxel = float(max((high - low).max() / 300, np.cbrt(np.prod(high - low) / (0.1 * MOST_NODES))))
     grid = Grid.around(low, high, voxel, 3 * voxel)
     printed = mesh_field(SurfaceDistance(scan.vertices, scan.faces), grid)
     _, parts, _ = compare_fields(printed, mesh_field(surface, grid), 0, grid.shape[0] - 1)

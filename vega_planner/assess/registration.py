@@ -190,13 +190,13 @@ def _search(
     """Collect poses worth refining, best first, shape (k, 4, 4)."""
     model, faces = sample_surface(target, _PAIR_POINTS)
     model_normals = target.face_normals[faces]
-    step = size / 56
-    low = target.vertices.min(0) - 4 * step
-    shape = np.ceil((np.ptp(target.vertices, axis=0) + 8 * step) / step).astype(int) + 1
+    step, limit = size / 56, CLUTTER_RATIO * size
+    low = target.vertices.min(0) - limit
+    shape = np.ceil((np.ptp(target.vertices, axis=0) + 2 * limit) / step).astype(int) + 1
     axes = [low[k] + step * np.arange(shape[k]) for k in range(3)]
     z, y, x = np.meshgrid(axes[2], axes[1], axes[0], indexing="ij")
     nodes = np.column_stack([x.ravel(), y.ravel(), z.ravel()])
-    grid = surface.query(nodes, signed=False).signed.reshape(z.shape)
+    grid = surface.query(nodes, signed=False, bound_mm=limit).signed.reshape(z.shape)
     a, b = np.divmod(np.arange(_PAIR_POINTS**2), _PAIR_POINTS)
     keys = _pair_keys(model, model_normals, a, b, size)
     order = np.argsort(keys, kind="stable")
@@ -220,7 +220,7 @@ def _search(
         grid,
         low,
         step,
-        CLUTTER_RATIO * size,
+        limit,
         poses,
         scores,
     )
@@ -284,8 +284,8 @@ def _icp(
         if np.linalg.norm(turn[:3]) * size < 1e-6 and np.linalg.norm(turn[3:]) < 1e-6:
             break
     moved = points @ pose[:3, :3].T + pose[:3, 3]
-    distances = np.abs(surface.query(moved, signed=False).signed)
-    return pose, float(np.minimum(distances, limit).mean())
+    distances = surface.query(moved, signed=False, bound_mm=limit).signed
+    return pose, float(distances.mean())
 
 
 def _linearised(
@@ -297,7 +297,7 @@ def _linearised(
     limit: float,
 ) -> tuple[Floats, Floats, Floats, float]:
     """Residuals, their change with turn and shift, weights, and the next scale."""
-    found = surface.query(moved)
+    found = surface.query(moved, bound_mm=limit)
     # The direction to the closest point is the plane's normal, also at edges; very near
     # the surface it is noise, and the face's own normal is better.
     away = moved - found.feet
@@ -346,14 +346,16 @@ def _choose(
     limit = CLUTTER_RATIO * size
     distances = np.array(
         [
-            np.abs(surface.query(points @ pose[:3, :3].T + pose[:3, 3], signed=False).signed)
+            surface.query(
+                points @ pose[:3, :3].T + pose[:3, 3], signed=False, bound_mm=limit
+            ).signed
             for pose in poses
         ]
     )
     used = distances[first] < limit
     if not used.any():
         return first, 0.0
-    misfits = np.minimum(distances[:, used], limit).mean(1)
+    misfits = distances[:, used].mean(1)
     best = int(np.argmax(misfits <= 1.005 * misfits.min()))
     others = [misfits[k] for k in range(len(poses)) if _differ(poses[k], poses[best], size)]
     rival = float(misfits[best]) / max(min(others), 1e-12) if others else 0.0
@@ -372,7 +374,7 @@ def _judge(
     moved = points @ pose[:3, :3].T + pose[:3, 3]
     limit = CLUTTER_RATIO * size
     residual, rows, weights, _ = _linearised(moved, pose, normals, surface, limit, limit)
-    distances = np.abs(surface.query(moved, signed=False).signed)
+    distances = surface.query(moved, signed=False, bound_mm=limit).signed
     used = distances < limit
     agree = used & (np.einsum("ij,ij->i", rows[:, 3:], normals @ pose[:3, :3].T) > 0.3)
     fits = agree & (distances < FIT_RATIO * size)

@@ -32,8 +32,12 @@ _WEIGHTS = _sample_weights()
 
 
 @njit(nogil=True, cache=True)
-def _signed(corners, order, boxes, first_leaf, normals, x, y, z, hint, foot):
-    distance2, face, feature = closest(corners, order, boxes, first_leaf, x, y, z, hint, foot)
+def _signed(corners, order, boxes, first_leaf, normals, x, y, z, hint, bound, foot):
+    distance2, face, feature = closest(
+        corners, order, boxes, first_leaf, x, y, z, hint, bound * bound, foot
+    )
+    if face < 0:
+        return bound, face
     side = (
         (x - foot[0]) * normals[face, feature, 0]
         + (y - foot[1]) * normals[face, feature, 1]
@@ -80,17 +84,24 @@ def draw_mesh(field, first_z, origin, voxel, band, corners, order, boxes, first_
                     level, near = stack[top, 3], stack[top, 4]
                     edge = _BLOCKS[level]
                     half = 0.5 * (edge - 1)
+                    reach = np.sqrt(3.0) * half * voxel
+                    z1, y1 = min(z0 + edge, count_z), min(y0 + edge, count_y)
+                    x1 = min(x0 + edge, count_x)
                     distance, face = _signed(
                         corners, order, boxes, first_leaf, normals,
                         origin[0] + (x0 + half) * voxel,
                         origin[1] + (y0 + half) * voxel,
                         origin[2] + (z0 + first_z + half) * voxel,
-                        near, foot,
+                        near, reach + band if level == 0 else np.inf, foot,
                     )  # fmt: skip
+                    if face < 0:
+                        # No surface near: the same side as the block before, and the
+                        # first block of a row is outside. (The query for the distance
+                        # would be slow in the middle of round parts.)
+                        inside = x0 > 0 and field[z0, y0, x0 - 1] < 0
+                        field[z0:z1, y0:y1, x0:x1] = -LIMIT if inside else LIMIT
+                        continue
                     hint = face
-                    z1, y1 = min(z0 + edge, count_z), min(y0 + edge, count_y)
-                    x1 = min(x0 + edge, count_x)
-                    reach = np.sqrt(3.0) * half * voxel
                     if edge == 1:
                         value = min(max(distance * scale, -LIMIT), LIMIT)
                         if abs(distance) > band:
