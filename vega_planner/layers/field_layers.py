@@ -20,6 +20,13 @@ from vega_planner.parallel import map_threads
 from vega_planner.progress import Report
 from vega_planner.settings import LayerSettings
 
+#: Spacing of the grid, in t.
+SPACING_RATIO = 0.65
+
+#: Vertices of all layers before refinement, and nodes of the grid, that are affordable.
+MOST_VERTICES = 3e6
+MOST_NODES = 12e6
+
 #: Open share of the volume above which sharp edges are thickened.
 FILLED_RATIO = 0.004
 
@@ -32,8 +39,14 @@ CREASE_FACTOR = 1.12
 
 
 def grid_spacing(part: Part, t: float) -> float:
-    """Choose the spacing h of the grid [mm]."""
-    return 0.65 * t
+    """Choose the spacing h of the grid [mm].
+
+    About two nodes to a layer; more for a part so large that its layers would have
+    more than `MOST_VERTICES` vertices or its grid more than `MOST_NODES` nodes.
+    """
+    by_vertices = (1.5 * part.volume / (t * MOST_VERTICES)) ** (1 / 2)
+    by_nodes = (float(np.prod(np.ptp(part.bounds, axis=0))) / MOST_NODES) ** (1 / 3)
+    return max(SPACING_RATIO * t, by_vertices, by_nodes)
 
 
 def field_layers(part: Part, settings: LayerSettings, report: Report) -> LayerStack:
