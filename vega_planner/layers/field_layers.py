@@ -30,6 +30,9 @@ MOST_NODES = 12e6
 #: Open share of the volume above which sharp edges are thickened.
 FILLED_RATIO = 0.004
 
+#: Open share of the volume above which a person is told.
+OPEN_RATIO = 0.01
+
 #: Length of the mean of the unit normals round a vertex below which it is on a sharp
 #: edge: about 60 degrees between the sides.
 CREASE_FLATNESS = 0.87
@@ -116,6 +119,8 @@ def field_layers(part: Part, settings: LayerSettings, report: Report) -> LayerSt
     if settings.fill_core and uncovered > FILLED_RATIO:
         sheets_made = tuple(thicker_creases(layer) for layer in sheets_made)
         uncovered, overfill = coverage_ratios(grid, sheets_made, t, part.volume)
+    if uncovered > OPEN_RATIO:
+        warnings += (f"{uncovered:.1%} of the volume is covered by no layer",)
     return LayerStack(
         part=part,
         engine="field",
