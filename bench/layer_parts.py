@@ -165,9 +165,6 @@ def gear() -> Part:
 def turned_box() -> Part:
     """A box off the axes, restrained on one oblique face."""
     solid = cube(30, 20, 15).rotate((30, 20, 10))
-    normal = None
-    mesh = solid.to_mesh64()
-    del mesh, normal
     part = make_part("turned_box", solid, nothing)
     lowest = part.face_normals[:, 2].min()
     return Part("turned_box", part.vertices, part.faces, part.face_normals[:, 2] < lowest + 1e-6)
@@ -178,7 +175,9 @@ PARTS: dict[str, Callable[[], Part]] = {
     "sphere": lambda: make_part("sphere", ball(15), nothing),
     "box": lambda: make_part("box", cube(40, 30, 12), base),
     "box_top": lambda: make_part("box_top", cube(40, 30, 12), lambda n, c: n[:, 2] < 0.5),
-    "box_top12.5": lambda: make_part("box_top12.5", cube(40, 30, 12.5), lambda n, c: n[:, 2] < 0.5),
+    "box_top12.5": lambda: make_part(
+        "box_top12.5", cube(40, 30, 12.5), lambda n, c: n[:, 2] < 0.5
+    ),
     "box_full": lambda: make_part("box_full", cube(40, 30, 12), nothing),
     "turned_box": turned_box,
     "cylinder": lambda: make_part("cylinder", Solid.cylinder(20, 10, 10, 96), base),
@@ -198,6 +197,8 @@ PARTS: dict[str, Callable[[], Part]] = {
     "slot0.6": lambda: slot(0.6),
     "blob50": lambda: blob(50, 20480),
     "blob50_80k": lambda: blob(50, 81920),
+    "blob50_1M": lambda: blob(50, 1310720),
+    "blob200": lambda: blob(200, 81920),
 } | {f"wall{w}": wall(w) for w in (0.6, 0.8, 1.0, 1.2, 1.4, 1.6, 1.7, 2.0, 2.4, 2.8, 3.0)} | {
     f"ring{w}": ring_wall(w) for w in (0.6, 1.0, 2.0, 2.5)
 }  # fmt: skip

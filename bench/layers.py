@@ -200,7 +200,7 @@ def filling(stack: LayerStack, count: int = 100000) -> dict[str, float]:
     claims = np.zeros(len(points), np.int64)
     depth = DistanceField.of_part(part).distances(points)
     material = 0.0
-    occluded = bool(stack.warnings)
+    occluded = any("restraint region" in warning for warning in stack.warnings)
     for sheet in stack.sheets:
         if len(sheet.faces) == 0:
             continue

@@ -101,10 +101,11 @@ def contour_levels(
     vertex_slot = np.zeros(total, np.int32)
     is_rim = np.zeros(total, np.uint8)
     inward = np.zeros((total, 3))
-    field_set: tuple[Any, ...] = (sources.tri, *sources.rings, sources.box)
+    source_set: tuple[Any, ...] = (sources.tri, *sources.rings, sources.box)
+    make_vertices: Any = kernels.make_vertices
     map_threads(
-        lambda s: kernels.make_vertices(
-            *field_set, *brr_set, origin, h, state, grid.distance, grid.slot, grid.gradient,
+        lambda s: make_vertices(
+            *source_set, *brr_set, origin, h, state, grid.distance, grid.slot, grid.gradient,
             grid.level, leave, r0, t, edges, counts, members, corner_step, ny, nz, *s,
             base, position, vertex_level, vertex_slot, is_rim, inward,
         ),
@@ -113,8 +114,9 @@ def contour_levels(
     quads = _quads(grid, sources, leave, r0, t, counts, members, corner_step, slabs, base)
     faces = np.zeros((2 * len(quads), 3), np.int64)
     pieces = [len(quads) * k // 16 for k in range(17)]
+    split_quads: Any = kernels.split_quads
     map_threads(
-        lambda s: kernels.split_quads(
+        lambda s: split_quads(
             sources.tri,
             *sources.rings,
             position,

@@ -20,8 +20,18 @@ from vega_planner.parallel import map_threads
 from vega_planner.progress import Report
 from vega_planner.settings import LayerSettings
 
+#: Spacing of the grid, in t.
+SPACING_RATIO = 0.65
+
+#: Vertices of all layers before refinement, and nodes of the grid, that are affordable.
+MOST_VERTICES = 3e6
+MOST_NODES = 12e6
+
 #: Open share of the volume above which sharp edges are thickened.
 FILLED_RATIO = 0.004
+
+#: Open share of the volume above which a person is told.
+OPEN_RATIO = 0.01
 
 #: Length of the mean of the unit normals round a vertex below which it is on a sharp
 #: edge: about 60 degrees between the sides.
@@ -32,8 +42,14 @@ CREASE_FACTOR = 1.12
 
 
 def grid_spacing(part: Part, t: float) -> float:
-    """Choose the spacing h of the grid [mm]."""
-    return 0.65 * t
+    """Choose the spacing h of the grid [mm].
+
+    About two nodes to a layer; more for a part so large that its layers would have
+    more than `MOST_VERTICES` vertices or its grid more than `MOST_NODES` nodes.
+    """
+    by_vertices = (1.5 * part.volume / (t * MOST_VERTICES)) ** (1 / 2)
+    by_nodes = (float(np.prod(np.ptp(part.bounds, axis=0))) / MOST_NODES) ** (1 / 3)
+    return max(SPACING_RATIO * t, by_vertices, by_nodes)
 
 
 def field_layers(part: Part, settings: LayerSettings, report: Report) -> LayerStack:
@@ -103,6 +119,8 @@ def field_layers(part: Part, settings: LayerSettings, report: Report) -> LayerSt
     if settings.fill_core and uncovered > FILLED_RATIO:
         sheets_made = tuple(thicker_creases(layer) for layer in sheets_made)
         uncovered, overfill = coverage_ratios(grid, sheets_made, t, part.volume)
+    if uncovered > OPEN_RATIO:
+        warnings += (f"{uncovered:.1%} of the volume is covered by no layer",)
     return LayerStack(
         part=part,
         engine="field",

@@ -67,8 +67,8 @@ def refine_sheet(sheet: Sheet, sources: Sources, brr: DistanceField | None) -> S
         inward = np.zeros((len(ends), 3))
         slots = np.zeros(len(ends), np.int64)
         kernels.place_middles(
-            tri, *rings, brr_tri, brr_box, sheet.vertices, sheet.slots, ends, on_rim,
-            sheet.depth, middles, inward, slots,
+            tri, *rings, sources.box, brr_tri, brr_box, sheet.vertices, sheet.slots, ends, on_rim,
+            sheet.depth, sheet.inward, middles, inward, slots,
         )  # fmt: skip
         old = int((middle < 0).all(1).sum())
         sheet = Sheet(

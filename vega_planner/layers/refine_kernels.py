@@ -72,6 +72,7 @@ def place_middles(
     corner,
     ring_start,
     ring,
+    box,
     brr_tri,
     brr_box,
     vertices,
@@ -79,8 +80,9 @@ def place_middles(
     ends,
     on_rim,
     r,
-    middles,
     inward,
+    middles,
+    middle_inward,
     middle_slots,
 ):
     """Put the middles of edges onto the level set, and those of the rim onto the region."""
@@ -96,8 +98,18 @@ def place_middles(
         _, e2, _, _, _ = walk(tri, corner, ring_start, ring, slots[b], x, y, z)
         if e2 < d2:
             s = slots[b]
+        turn = 0.0
+        for k in range(3):
+            turn += inward[a, k] * inward[b, k]
         for _ in range(6):
             s, d2, fx, fy, fz = walk(tri, corner, ring_start, ring, s, x, y, z)
+            if turn < 0.9 and len(box) > 0:
+                # Across a crease another sheet may be nearer than walking tells.
+                bound = max(np.sqrt(d2) - 0.01, 0.0)
+                q, _ = nearest(tri, box, x, y, z, -1, bound * bound, stack, lower)
+                if q >= 0:
+                    s = q
+                    d2, fx, fy, fz = closest(tri, s, x, y, z)
             e = max(np.sqrt(d2), 1e-9)
             if abs(e - r) < 1e-4:
                 break
@@ -110,5 +122,7 @@ def place_middles(
         d2, fx, fy, fz = closest(tri, s, x, y, z)
         e = max(np.sqrt(d2), 1e-9)
         middles[i, 0], middles[i, 1], middles[i, 2] = x, y, z
-        inward[i, 0], inward[i, 1], inward[i, 2] = (x - fx) / e, (y - fy) / e, (z - fz) / e
+        middle_inward[i, 0] = (x - fx) / e
+        middle_inward[i, 1] = (y - fy) / e
+        middle_inward[i, 2] = (z - fz) / e
         middle_slots[i] = s

@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the last layers leave over is filled, and not twice."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from vega_planner.layers import generate_layers
+from vega_planner.layers.distance_field import DistanceField
+from vega_planner.settings import LayerSettings
+
+from .shapes import box, box_from_above
+
+SETTINGS = LayerSettings(thickness_mm=0.8)
+
+
+def covered_share(stack, count=40000):
+    """Share of random points of a box that lie within half the thickness of a sheet."""
+    low, high = stack.part.bounds
+    points = np.random.default_rng(1).uniform(low, high, (count, 3))
+    covered = np.zeros(count, bool)
+    for sheet in stack.sheets:
+        found = DistanceField(sheet.vertices, sheet.faces).nearest(points)
+        local = sheet.thickness[sheet.faces].mean(1)[found.faces]
+        covered |= found.distances <= local / 2 * 1.0001
+    return covered.mean()
+
+
+@pytest.mark.parametrize("thickness", [0.6, 0.8, 1.0, 1.2, 1.4, 1.7, 2.0, 2.4, 3.0])
+def test_thin_walls_are_filled(thickness):
+    stack = generate_layers(box(20, thickness, 15), SETTINGS)
+    share = covered_share(stack)
+    assert share > 0.985
+    material = sum((s.face_areas * s.thickness[s.faces].mean(1)).sum() for s in stack.sheets)
+    assert material / stack.part.volume - share < 0.025
+    assert stack.uncovered_ratio == pytest.approx(1 - share, abs=0.02)
+
+
+def test_a_wall_thinner_than_a_layer_gets_one_sheet_in_its_middle():
+    stack = generate_layers(box(20, 0.6, 15), SETTINGS)
+    assert len(stack.layers) == 0
+    assert len(stack.cores) == 1
+    core = stack.cores[0]
+    assert np.abs(core.vertices[:, 1] - 0.3).max() < 1e-3
+    assert core.thickness == pytest.approx(0.6, abs=1e-3)
+    assert core.area == pytest.approx(20 * 15, rel=0.06)
+
+
+@pytest.mark.parametrize("height", [12.3, 12.5, 12.0, 11.7])
+def test_the_last_slice_takes_the_height_that_is_left(height):
+    stack = generate_layers(box_from_above(20, 15, height), SETTINGS)
+    material = sum((s.face_areas * s.thickness[s.faces].mean(1)).sum() for s in stack.sheets)
+    assert material == pytest.approx(stack.part.volume, rel=0.005)
+    assert covered_share(stack) > 0.995
+    for sheet in stack.sheets:
+        assert (sheet.vertices[:, 2] - sheet.thickness / 2).min() > -0.01
+
+
+def test_without_filling_only_envelopes_are_made():
+    settings = LayerSettings(thickness_mm=0.8, fill_core=False)
+    stack = generate_layers(box_from_above(20, 15, 12.5), settings)
+    assert stack.cores == ()
+    assert len(stack.layers) == 16
