@@ -34,7 +34,7 @@ def shells(envelopes):
 
 def test_a_dome_is_printed_whole_and_from_the_inside_out(envelopes):
     stack = envelopes.dome()
-    assessment, patches, order = planned(stack, envelopes.default_cell())
+    _, _, order = planned(stack, envelopes.default_cell())
     assert order.report.status == "fully"
     assert [patch.layer for patch in order.patches] == list(range(len(stack.layers)))[::-1]
     assert order.violations() == ()
@@ -69,7 +69,7 @@ def test_no_patch_floats_and_none_collides_when_its_turn_comes(shells):
 
 
 def test_bowls_and_caps_together_cover_the_shells(shells):
-    stack, _, _, patches, order = shells
+    stack, _, _, _, order = shells
     assert sum(p.area for p in order.patches) == pytest.approx(
         sum(layer.area for layer in stack.layers), rel=1e-9
     )

@@ -10,9 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from .envelopes import dome
 from vega_planner.printability import grid_kernels as kernels
 from vega_planner.printability.material import EMPTY, Material, grid_for, mesh_field
+
+from .envelopes import dome
 
 
 @settings(deadline=None, derandomize=True, max_examples=30)
@@ -55,9 +56,9 @@ def test_filled_volume_is_the_solid_s_volume(turn):
     index = np.argwhere(solid)
     inside = origin + spacing * index
     assert trimesh.Trimesh(v, f).bounding_box.extents.min() > 0
-    local = np.linalg.inv(
-        trimesh.transformations.rotation_matrix(turn, [1, 2, 3])
-    )[:3, :3] @ inside.T
+    local = (
+        np.linalg.inv(trimesh.transformations.rotation_matrix(turn, [1, 2, 3]))[:3, :3] @ inside.T
+    )
     assert (np.abs(local.T) <= np.array([10, 7, 4.5]) + 1e-9).all()
 
 
