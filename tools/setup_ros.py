@@ -60,7 +60,7 @@ def main() -> int:
     steps = (
         ("package", _hash(["tools/setup_ros.py"]), _install_package),
         ("messages", _hash(["vega_msgs", "tools/setup_ros.py"]) + full, lambda: _messages(full)),
-        ("share and executables", _hash(["package.xml", "tools/setup_ros.py"]), _share),
+        ("share and executables", _hash(["tools/setup_ros.py"]) + _listing(), _share),
     )
     for name, key, step in steps:
         stamp = VENV / "share" / "vega_setup" / name.replace(" ", "_")
@@ -93,6 +93,12 @@ def _hash(names: list[str]) -> str:
         for file in files:
             digest.update(str(file.relative_to(ROOT)).encode() + b"\0" + file.read_bytes())
     return digest.hexdigest()
+
+
+def _listing() -> str:
+    """Hash the names of the shared files; their content is linked."""
+    names = "\n".join(str(path) for path in _shared_files())
+    return hashlib.sha256(names.encode()).hexdigest()
 
 
 def _present(name: str) -> bool:
@@ -180,16 +186,22 @@ def _relocate_wheels() -> None:
             path.write_bytes(text)
 
 
+def _shared_files() -> list[Path]:
+    files = [ROOT / "package.xml"]
+    for name in SHARED:
+        found = (path for path in (ROOT / name).rglob("*") if path.is_file())
+        files += sorted(path for path in found if "__pycache__" not in path.parts)
+    return files
+
+
 def _share() -> None:
     share = VENV / "share" / "vega"
     share.mkdir(parents=True, exist_ok=True)
-    for name in (*SHARED, "package.xml"):
-        link = share / name
-        if link.is_symlink() or link.is_file():
-            link.unlink()
-        elif link.is_dir():
-            shutil.rmtree(link)
-        link.symlink_to(ROOT / name)
+    shutil.rmtree(share)
+    for file in _shared_files():  # real folders of links: `ros2 launch` follows no linked folder
+        link = share / file.relative_to(ROOT)
+        link.parent.mkdir(parents=True, exist_ok=True)
+        link.symlink_to(file)
     index = VENV / "share" / "ament_index" / "resource_index" / "packages" / "vega"
     index.parent.mkdir(parents=True, exist_ok=True)
     index.write_text("")

@@ -58,7 +58,6 @@ def plan(
     Raises:
         InvalidInput: If the mesh, the restraint region or a setting is no good.
         NoLayers: If the part yields no layer.
-        NotPrintable: If nothing of it can be printed.
         Cancelled: If `report` asked to stop.
     """
     from vega_planner.layers import generate_layers
@@ -71,7 +70,7 @@ def plan(
     from vega_planner.substrate import stand_on_substrate
     from vega_planner.toolpaths import lay_toolpaths
     from vega_planner.toolpaths.coverage import measure_coverage
-    from vega_planner.trajectory import make_trajectory
+    from vega_planner.trajectory import make_trajectory, no_motion
 
     settings = settings or Settings()
     stages = _Stages(report)
@@ -95,7 +94,10 @@ def plan(
     with stages.enter("toolpaths") as tell:
         toolpaths = lay_toolpaths(order.patches, stack, cell, settings.toolpaths, tell)
     with stages.enter("trajectory") as tell:
-        trajectory = make_trajectory(toolpaths, cell, settings.trajectory, tell)
+        if toolpaths.passes:
+            trajectory = make_trajectory(toolpaths, cell, settings.trajectory, tell)
+        else:  # the report says why nothing can be printed
+            trajectory = no_motion(cell)
     with stages.enter("checks") as tell:
         check = check_toolpaths(toolpaths, order.patches, stack, cell, settings.printability, tell)
         proof = certificate(part, settings, cell, toolpaths, trajectory, check)

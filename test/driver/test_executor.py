@@ -174,7 +174,7 @@ def test_a_path_faster_than_the_limits_faults_before_the_wire():
         job.path_layer,
     )
     executor = new_executor()
-    with pytest.raises(InvalidInput, match="limit 0.5"):
+    with pytest.raises(InvalidInput, match=r"limit 0\.5"):
         executor.check_job(quick)
     executor.load(quick)  # and if it had slipped through, it would end here
     executor.run()

@@ -57,7 +57,7 @@ class RehearsedJob:
         load_module(ROOT / "bench" / "sample_plan.py").write_sample(folder, **SMALL)
         return folder
 
-    def print(self, folder):
+    def print(self, folder, machine):
         self.calls.append("print")
         self._duration = read_result(folder).timeline.duration_s
         with self._lock:

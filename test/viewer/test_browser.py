@@ -76,6 +76,7 @@ def test_a_click_on_a_side_becomes_a_spec_that_selects_that_side_again(
 
     monkeypatch.chdir(tmp_path)
     with open_tabs(box) as (viewer, new_tab):
+        viewer.controls.preview.value = False
         tab = new_tab()
         tab.button("Plan").wait_for()
         before = viewer.picks.faces.copy()
@@ -100,6 +101,7 @@ def test_single_faces_go_into_a_file_that_the_command_names(
 
     monkeypatch.chdir(tmp_path)
     with open_tabs(box) as (viewer, new_tab):
+        viewer.controls.preview.value = False
         tab = new_tab()
         tab.button("Plan").wait_for()
         viewer.controls.click.value = panel.PICK_FACE
@@ -165,7 +167,7 @@ def test_a_second_person_is_told_and_shares_the_view(open_tabs, sample, until):
         until(lambda: "2 viewers" not in viewer.controls.status.content)
 
 
-def test_a_click_on_a_layer_says_why_it_cannot_be_printed(open_tabs, sample, until):
+def test_the_reason_is_told_under_the_resting_pointer_and_on_a_click(open_tabs, sample, until):
     with open_tabs(sample) as (viewer, new_tab):
         tab = new_tab()
         tab.button("Print").wait_for()
@@ -173,7 +175,10 @@ def test_a_click_on_a_layer_says_why_it_cannot_be_printed(open_tabs, sample, unt
         marked = np.flatnonzero(viewer.result.face_reasons[0] > 0)
         middles = sheet.vertices[sheet.faces[marked]].mean(1)
         nearest = middles[np.argmin(middles @ np.array([-0.45, 0.75, 0.0]))]
-        click_on(viewer, tab, nearest, until)
+        client = next(iter(viewer._server.get_clients().values()))
+        until(lambda: _camera_known(client))
+        tab.page.wait_for_function("window.vegaPointer !== undefined")
+        tab.page.mouse.move(*pixel_of(viewer, tab, nearest))
         tab.says("wrist_limit")
         tab.says("turn the part by 20")
         sound = sheet.vertices[sheet.faces].mean(1)
@@ -184,6 +189,7 @@ def test_a_click_on_a_layer_says_why_it_cannot_be_printed(open_tabs, sample, unt
 
 def test_a_spec_that_selects_nothing_is_refused_in_words(open_tabs, box, until):
     with open_tabs(box) as (viewer, new_tab):
+        viewer.controls.preview.value = False
         tab = new_tab()
         tab.button("Plan").wait_for()
         before = viewer.picks.faces.copy()
@@ -196,3 +202,17 @@ def test_a_spec_that_selects_nothing_is_refused_in_words(open_tabs, box, until):
         tab.press("Use these SPECs")
         until(lambda: viewer.picks.specs == ("normal:0,0,1", "down"))
         assert (viewer.picks.faces == (abs(viewer.part.face_normals[:, 2]) > 0.9)).all()
+
+
+def test_the_resulting_layers_follow_a_pick(open_tabs, box, until, tmp_path, monkeypatch):
+    """A box restrained below and in front: no layer reaches into either side."""
+    monkeypatch.chdir(tmp_path)
+    with open_tabs(box) as (viewer, new_tab):
+        tab = new_tab()
+        tab.button("Plan").wait_for()
+        point, _ = visible_point(viewer, (0, -1, 0.1))
+        click_on(viewer, tab, point, until)
+        tab.says("core layers")
+        until(lambda: viewer.visible_layers)
+        low = viewer._sheets[0].vertices[:, 1].min()
+        assert low == pytest.approx(viewer.part.vertices[:, 1].min(), abs=0.2)

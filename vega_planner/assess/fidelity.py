@@ -90,9 +90,16 @@ def measure_deviation(
         target: The target.
         restrained: True for the target's restrained faces, shape (k,).
     """
-    found = target.query(vertices)
+    return measure_points(vertices, target, restrained, vertex_areas(vertices, faces))
+
+
+def measure_points(
+    points: Floats, target: SurfaceDistance, restrained: Bools, areas: Floats | None = None
+) -> Deviation:
+    """Measure e2 at points, which stand for equal areas where these are not given."""
+    found = target.query(points)
     free = target.touching(~restrained)[found.faces, found.features]
-    areas = vertex_areas(vertices, faces)
+    areas = np.ones(len(points)) if areas is None else areas
     return Deviation(found.signed, areas, free, found.feet, found.faces)
 
 

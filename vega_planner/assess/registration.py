@@ -113,19 +113,17 @@ def register(
     report(Progress("registration", 0.1))
     if start is None:
         poses = _search(points, normals, target, surface, size, generator)
+        poses = np.concatenate([_as_it_lies(points, target), poses])
     else:
         poses = np.asarray(start, np.float64)[None]
     report(Progress("registration", 0.5))
     few = generator.permutation(len(points))[:_COARSE_POINTS]
     found = [_icp(pose, points[few], normals[few], surface, size, 25) for pose in poses]
-    misfits = np.array([misfit for _, misfit in found])
-    best = int(np.argmin(misfits))
+    refined = np.array([pose for pose, _ in found])
+    first = int(np.argmin([misfit for _, misfit in found]))
+    best, rival = _choose(refined, first, points[few], surface, size)
     report(Progress("registration", 0.8))
-    pose, _ = _icp(found[best][0], points, normals, surface, 0.3 * size, 20)
-    rivals = [
-        misfits[k] for k, (other, _) in enumerate(found) if _differ(other, found[best][0], size)
-    ]
-    rival = float(misfits[best] / max(min(rivals), 1e-12)) if rivals else 0.0
+    pose, _ = _icp(refined[best], points, normals, surface, size, 20)
     result = _judge(pose, points, normals, surface, size, rival)
     if result.fit_ratio < LEAST_FIT or result.used_ratio < LEAST_USED:
         error = NotRegistered(
@@ -272,6 +270,8 @@ def _icp(
     for _ in range(steps):
         moved = points @ pose[:3, :3].T + pose[:3, 3]
         residual, rows, weights, scale = _linearised(moved, pose, normals, surface, scale, limit)
+        if not weights.any():
+            break
         normal = rows.T @ (rows * weights[:, None])
         turn = np.linalg.solve(
             normal + 1e-9 * np.trace(normal) * np.eye(6), -rows.T @ (weights * residual)
@@ -303,9 +303,7 @@ def _linearised(
     away = moved - found.feet
     direction = surface.normals[found.faces, 0]
     far = np.abs(found.signed) > 0.02 * limit
-    direction = np.where(
-        far[:, None], away / np.where(far, found.signed, 1.0)[:, None], direction
-    )
+    direction = np.where(far[:, None], away / np.where(far, found.signed, 1.0)[:, None], direction)
     residual = np.einsum("ij,ij->i", away, direction)
     agree = np.einsum("ij,ij->i", normals @ pose[:3, :3].T, direction) > 0.3
     inside = agree & (np.abs(found.signed) < limit)
@@ -326,6 +324,40 @@ def _rotation(turn: Floats) -> Floats:
     x, y, z = turn / angle
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+
+
+def _as_it_lies(points: Floats, target: TriangleGeometry) -> Floats:
+    """Two first guesses: the scan is in place, or only shifted."""
+    shifted = np.eye(4)
+    shifted[:3, 3] = sample_surface(target, 2000)[0].mean(0) - points.mean(0)
+    return np.array([np.eye(4), shifted])
+
+
+def _choose(
+    poses: Floats, first: int, points: Floats, surface: SurfaceDistance, size: float
+) -> tuple[int, float]:
+    """Choose among refined poses by the points that the first choice does not call clutter.
+
+    Where several fit equally well the earliest wins: a symmetric part stays as it lies.
+
+    Returns:
+        The choice, and its misfit over that of the best different pose.
+    """
+    limit = CLUTTER_RATIO * size
+    distances = np.array(
+        [
+            np.abs(surface.query(points @ pose[:3, :3].T + pose[:3, 3], signed=False).signed)
+            for pose in poses
+        ]
+    )
+    used = distances[first] < limit
+    if not used.any():
+        return first, 0.0
+    misfits = np.minimum(distances[:, used], limit).mean(1)
+    best = int(np.argmax(misfits <= 1.005 * misfits.min()))
+    others = [misfits[k] for k in range(len(poses)) if _differ(poses[k], poses[best], size)]
+    rival = float(misfits[best]) / max(min(others), 1e-12) if others else 0.0
+    return best, min(rival, 1.0)
 
 
 def _judge(

@@ -120,6 +120,7 @@ def contour_levels(
             position,
             vertex_level,
             vertex_slot,
+            inward,
             quads,
             *s,
             r0,
@@ -150,26 +151,32 @@ def _quads(grid, sources, leave, r0, t, counts, members, corner_step, slabs, bas
 
 def _by_level(position, vertex_level, vertex_slot, is_rim, inward, faces, r0, t):  # type: ignore[no-untyped-def]
     """Sort vertices and faces into one sheet per level."""
-    used = np.zeros(len(position), bool)
-    used[faces] = True
     a, b, c = position[faces[:, 0]], position[faces[:, 1]], position[faces[:, 2]]
     apart = (a != b).any(1) & (b != c).any(1) & (c != a).any(1)
-    faces = faces[apart]
-    face_level = vertex_level[faces[:, 0]]
-    levels = int(face_level.max()) + 1 if len(faces) else 0
-    sheets = []
+    if not apart.all():
+        faces = faces[apart]
+    used = np.zeros(len(position), bool)
+    used[faces] = True
+    mine = np.flatnonzero(used)
+    mine = mine[np.argsort(vertex_level[mine], kind="stable")]
+    levels = int(vertex_level[mine[-1]]) + 1 if len(mine) else 0
+    ends = np.searchsorted(vertex_level[mine], np.arange(levels + 1))
     number = np.zeros(len(position), np.int64)
-    for k in range(levels):
-        mine = np.flatnonzero(used & (vertex_level == k))
-        number[mine] = np.arange(len(mine))
-        sheets.append(
-            Sheet(
-                r0 + k * t,
-                position[mine],
-                number[faces[face_level == k]],
-                vertex_slot[mine].astype(np.int64),
-                is_rim[mine] > 0,
-                inward[mine],
-            )
+    number[mine] = np.arange(len(mine))
+    face_level = vertex_level[faces[:, 0]]
+    order = np.argsort(face_level, kind="stable")
+    face_ends = np.searchsorted(face_level[order], np.arange(levels + 1))
+    faces = number[faces[order]]
+
+    def sheet(k: int) -> Sheet:
+        rows = mine[ends[k] : ends[k + 1]]
+        return Sheet(
+            r0 + k * t,
+            position[rows],
+            faces[face_ends[k] : face_ends[k + 1]] - ends[k],
+            vertex_slot[rows].astype(np.int64),
+            is_rim[rows] > 0,
+            inward[rows],
         )
-    return sheets
+
+    return map_threads(sheet, range(levels))

@@ -20,8 +20,9 @@ def mark_last(
 ):
     """Mark the points in front of which the distance may stop growing.
 
-    A point passes where the node nearest to a place just beyond `ahead` of it is inside,
-    has the same gradient, and is as deep as it must be.
+    A point passes where the node nearest to a place just beyond `ahead` of it is inside
+    and has the same gradient, if it is as deep as it must be. It passes as well where
+    the gradient has turned aside, at a ridge between fronts that do not oppose each other.
     """
     beyond = ahead + 0.87 * h
     for i in range(first, last):
@@ -44,7 +45,7 @@ def mark_last(
             continue
         for k in range(3):
             along += gradient[n, k] * inward[i, k]
-        if along > 0.8 and distance[n] > depth + ahead - 0.02 * h:
+        if along > -0.3 and (along < 0.8 or distance[n] > depth + ahead - 0.02 * h):
             out[i] = 0
 
 

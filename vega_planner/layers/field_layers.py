@@ -15,6 +15,8 @@ from vega_planner.layers.coverage import coverage_ratios
 from vega_planner.layers.distance_field import DistanceField
 from vega_planner.layers.geodesic import Sources, bend_distances, is_convex_at_region
 from vega_planner.layers.grid import finish, sample_part
+from vega_planner.layers.refine import refine_sheet
+from vega_planner.parallel import map_threads
 from vega_planner.progress import Report
 from vega_planner.settings import LayerSettings
 
@@ -75,6 +77,7 @@ def field_layers(part: Part, settings: LayerSettings, report: Report) -> LayerSt
             )
     finish(grid, sources.tri, brr, t / 2, t)
     sheets = contour_levels(grid, sources, brr, t / 2, t)
+    sheets = map_threads(lambda sheet: refine_sheet(sheet, sources, brr), sheets)
     core = Core.nothing(sheets, t)
     if settings.fill_core:
         core = fill_core(part, grid, field, brr, sheets, t)

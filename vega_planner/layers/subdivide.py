@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vega_planner.datatypes import Bools, Floats, Ints
+from vega_planner.datatypes import Floats, Ints
 
 
 def mesh_edges(faces: Ints) -> tuple[Ints, Ints]:
@@ -24,25 +24,23 @@ def mesh_edges(faces: Ints) -> tuple[Ints, Ints]:
     return np.column_stack([keys // size, keys % size]), number.reshape(-1, 3)
 
 
-def split_edges(faces: Ints, sides: Ints, marked: Bools, first_new: int) -> Ints:
-    """Split marked edges at their midpoints.
+def split_faces(faces: Ints, middle: Ints) -> Ints:
+    """Split the edges that have a midpoint.
 
     Args:
         faces: Vertex indices, shape (m, 3).
-        sides: Edges of each face, as `mesh_edges` gives them.
-        marked: Which edges are split.
-        first_new: Number of the midpoint of the first marked edge; the others follow.
+        middle: Vertex at the middle of the edge from corner c to c + 1, -1 where that
+            edge is not split, shape (m, 3). Both faces of an edge must agree.
 
     Returns:
-        The new faces: those without a marked edge first, in their order. A face with
-        one, two or three marked edges becomes two, three or four.
+        The new faces: those without a split edge first, in their order. A face with
+        one, two or three split edges becomes two, three or four.
     """
-    middle = np.where(marked, first_new + np.cumsum(marked) - 1, -1)[sides]  # (m, 3)
     count = (middle >= 0).sum(1)
     parts = [faces[count == 0]]
     for wanted in (1, 2):
         rows = np.flatnonzero(count == wanted)
-        # Turn each face so that its first edge is marked (one), or its third is not (two).
+        # Turn each face so that its first edge is split (one), or its third is not (two).
         lead = np.argmax(middle[rows] >= 0, axis=1)
         if wanted == 2:
             lead = (np.argmax(middle[rows] < 0, axis=1) + 1) % 3
@@ -86,5 +84,6 @@ def split_long_edges(vertices: Floats, faces: Ints, length: float) -> tuple[Floa
         marked = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1) > length
         if not marked.any():
             return vertices, faces
-        faces = split_edges(faces, sides, marked, len(vertices))
+        middle = np.where(marked, len(vertices) + np.cumsum(marked) - 1, -1)
+        faces = split_faces(faces, middle[sides])
         vertices = np.concatenate([vertices, ends[marked].mean(1)])

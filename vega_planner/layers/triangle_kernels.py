@@ -313,11 +313,17 @@ def walk(tri, corner, ring_start, ring, s, x, y, z):
 
 @njit(nogil=True, cache=True)
 def nearest_or_walk(tri, corner, ring_start, ring, box, x, y, z, hint, stack, lower):
-    """Find the nearest triangle, or without a tree the nearest one in walking reach."""
+    """Find the nearest triangle to 1e-3 mm, or without a tree what walking reaches."""
+    s, d2, _, _, _ = walk(tri, corner, ring_start, ring, hint, x, y, z)
     if len(box) == 0:
-        s, d2, _, _, _ = walk(tri, corner, ring_start, ring, hint, x, y, z)
         return s, d2
-    return nearest(tri, box, x, y, z, hint, 1e300, stack, lower)
+    # Deep inside, a great many triangles are almost as near as the nearest; they are
+    # not worth the search.
+    bound = max(np.sqrt(d2) - 1e-3, 0.0)
+    q, e2 = nearest(tri, box, x, y, z, -1, bound * bound, stack, lower)
+    if q < 0:
+        return s, d2
+    return q, e2
 
 
 @njit(nogil=True, cache=True)

@@ -12,7 +12,7 @@ import rclpy
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from rclpy.action import ActionClient
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.task import Future
 
@@ -47,12 +47,24 @@ class Session:
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
         self._goal: Any = None
-        threading.Thread(target=self._executor.spin, daemon=True).start()
+        self._closing = threading.Event()
+        self._abandoned = threading.Event()
+        self._thread = threading.Thread(target=self._spin, name="session", daemon=True)
+        self._thread.start()
 
     def close(self) -> None:
         """Leave."""
-        self._executor.shutdown(timeout_sec=2.0)
+        self._closing.set()
+        self._thread.join()  # a thread that still spins at exit would abort the process
+        self._executor.shutdown()
         self.node.destroy_node()
+
+    def _spin(self) -> None:
+        while not self._closing.is_set() and rclpy.ok():
+            try:
+                self._executor.spin_once(timeout_sec=0.1)
+            except ExternalShutdownException:
+                return
 
     def bring_up(self) -> None:
         """Configure and activate the driver, as far as it is not.
@@ -125,6 +137,10 @@ class Session:
         self._wait(handle.cancel_goal_async(), ANSWER)
         self._wait(result, ANSWER)
 
+    def abandon(self) -> None:
+        """Give up waiting for an answer of a node that is gone."""
+        self._abandoned.set()
+
     def _run(self, client: ActionClient, goal: Any, tell: Callable[[Any], None]) -> Any:
         handle = self._wait(client.send_goal_async(goal, tell), ANSWER)
         if not handle.accepted:
@@ -143,8 +159,11 @@ class Session:
         done = threading.Event()
         future.add_done_callback(lambda _: done.set())
         began = time.monotonic()
+        self._abandoned.clear()
         while not done.wait(0.05):
             self._alive()
+            if self._abandoned.is_set():
+                raise LinkTimeout("the node is gone; its answer was abandoned")
             if not rclpy.ok():
                 raise VegaError("interrupted")
             if seconds is not None and time.monotonic() - began > seconds:

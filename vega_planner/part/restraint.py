@@ -18,6 +18,7 @@ from vega_planner.errors import BadRestraint
 from vega_planner.part.automatic import propose_restraint
 from vega_planner.part.regions import smooth_regions, squared_distances
 from vega_planner.part.standing import standing_faces
+from vega_planner.part.topology import body_labels, compact, enclosed_volume
 from vega_planner.settings import PartSettings
 
 SPECS = (
@@ -52,7 +53,25 @@ def choose_restraint(
             f"restraint {' '.join(specs)} selects the whole surface ({len(chosen)} faces); "
             "at least one face must stay free to be enveloped"
         )
-    return chosen, remarks
+    return chosen, remarks + _unreached(mesh, chosen)
+
+
+def _unreached(mesh: TriangleGeometry, chosen: Bools) -> list[str]:
+    """Tell of bodies restrained all over: no layer starts from them."""
+    if not chosen.any():
+        return []
+    labels = body_labels(mesh.faces)
+    free = np.zeros(len(mesh.faces), dtype=bool)
+    free[labels[~chosen]] = True
+    shut = [name for name in np.unique(labels) if not free[name]]
+    volumes = [enclosed_volume(*compact(mesh.vertices, mesh.faces[labels == n])) for n in shut]
+    lost = [volume for volume in volumes if volume > 0]
+    if not lost:
+        return []
+    return [
+        f"{len(lost)} body(ies) of {sum(lost):.4g} mm³ are restrained all over: layers reach "
+        "them from a free cavity only, if they have one"
+    ]
 
 
 def _select(

@@ -20,10 +20,11 @@ from vega_planner.units import m_to_mm, mm_to_m
 from vega_planner.viewer import controls as panel
 from vega_planner.viewer.command import needs_file, plan_command, save_settings
 from vega_planner.viewer.explain import explain
-from vega_planner.viewer.job import JobPort, JobState
-from vega_planner.viewer.layer_view import LayerView
+from vega_planner.viewer.job import JobPort, JobState, MachineChoice
+from vega_planner.viewer.layer_view import CUTS, LayerView
 from vega_planner.viewer.path_view import PathView
 from vega_planner.viewer.picking import first_hit
+from vega_planner.viewer.pointer import watch_pointer
 from vega_planner.viewer.preview import Preview
 from vega_planner.viewer.restraint_picks import RestraintPicks
 from vega_planner.viewer.result_folder import ResultFolder, read_result
@@ -64,6 +65,7 @@ class Viewer:
         self.picks: RestraintPicks | None = None
         self.state = JobState()
         self.planning = False
+        self.starting = False
         self._server = server
         self._make_job = make_job
         self._job: JobPort | None = None
@@ -81,6 +83,7 @@ class Viewer:
         self._preview = Preview(self._show_preview, self._say_at_pointer)
         with self.controls.settings_tab:
             self.settings_panel = SettingsPanel(server.gui, self._base, self._settings_changed)
+        watch_pointer(server.gui, self._rested)
         self._connect()
         self._ticker = threading.Thread(target=self._tick_on, daemon=True, name="viewer")
         self._ticker.start()
@@ -163,7 +166,9 @@ class Viewer:
             self._draw_paths()
             controls.result.content = result_text(result.summary)
             controls.click.value = panel.EXPLAIN
-            controls.pointed.content = "Click on a layer to ask why it cannot be printed."
+            controls.pointed.content = (
+                "Rest the pointer on a layer: what it is, and what is wrong."
+            )
             controls.show_part.value = not result.sheets
             if result.timeline is not None:
                 self._time_s = result.timeline.duration_s
@@ -176,9 +181,7 @@ class Viewer:
         with self._lock, self._server.atomic():
             self._sheets = stack.sheets
             self._reasons = tuple(np.zeros(len(s.faces), np.int64) for s in stack.sheets)
-            self.result = None
-            self.path_view.clear()
-            self.controls.show_part.value = False
+            self.controls.cut.value = CUTS[2]
             self._draw_layers()
             self._refresh()
         self._say_at_pointer(f"{len(stack.layers)} layers, {len(stack.cores)} core layers.")
@@ -211,7 +214,9 @@ class Viewer:
         with self._server.atomic():
             choice = controls.layers.value
             self._visible = set() if choice == panel.NO_LAYERS else every
-            if timeline is not None:
+            if timeline is None:
+                _set(controls.moment, "content", "")
+            else:
                 moment = timeline.at(self._time_s)
                 if choice == panel.THIS_LAYER:
                     self._visible = {moment.layer}
@@ -230,7 +235,9 @@ class Viewer:
                 _set(controls.moment, "content", text)
             self.layer_view.set_visible(self._visible)
             self.robot_view.set_visible(controls.show_robot.value)
-            self.stage.set_visible(controls.show_part.value, controls.show_region.value)
+            part_shown = controls.show_part.value
+            ghost = part_shown and bool(self._visible)
+            self.stage.set_visible(part_shown, controls.show_region.value, ghost)
 
     def _load_robot(self) -> None:
         # The part comes first: what the robot needs to be read would hold its picture up.
@@ -269,7 +276,7 @@ class Viewer:
         for handle in (controls.cut, controls.detail):
             self._by_person(handle, self._locked(self._redraw))
         self._by_person(controls.colouring, self._locked(self._redraw))
-        self._by_person(controls.preview, self._region_changed)
+        self._by_person(controls.preview, self._preview_again)
         self._by_person(controls.out, self._show_command)
         for button, action in (
             (controls.use_specs, self._use_specs),
@@ -346,6 +353,10 @@ class Viewer:
             self.controls.pointed.content = toggle(hit)
         self._region_changed()
 
+    def _rested(self, origin: Floats, direction: Floats, client: Any) -> None:
+        if self.controls.click.value == panel.EXPLAIN:
+            self._explain(m_to_mm(origin), direction, client)
+
     def _explain(self, origin: Floats, direction: Floats, client: Any) -> None:
         part = self.part if self.controls.show_part.value else None
         summary = self.result.summary if self.result is not None else {}
@@ -353,11 +364,13 @@ class Viewer:
             origin, direction, part, self._sheets, self._reasons, self._visible, summary
         )
         if found is None:
+            if client is not None:
+                client.scene.remove_by_name("/pointed")
             return
         self.controls.pointed.content = found.text
         if client is not None:
-            words = found.text.replace("**", "")
-            client.scene.add_label("/pointed", words, position=mm_to_m(np.array(found.point)))
+            place = mm_to_m(np.array(found.point))
+            client.scene.add_label("/pointed", found.label, position=place)
 
     def _use_specs(self) -> None:
         if self.picks is not None:
@@ -373,6 +386,12 @@ class Viewer:
 
     def _region_changed(self) -> None:
         with self._lock, self._server.atomic():
+            # What was planned or previewed belongs to another region.
+            self.result, self._sheets, self._reasons = None, (), ()
+            self.layer_view.clear()
+            self.path_view.clear()
+            self.controls.show_part.value = True
+            self.controls.time.disabled = self.controls.play.disabled = True
             self._show_region()
             self._refresh()
         self._preview.cancel()
@@ -380,10 +399,15 @@ class Viewer:
             self._say_at_pointer("Working the layers out.")
             self._preview.request(self.part, self.settings())
 
+    def _preview_again(self) -> None:
+        """Work the layers out anew, unless a whole plan is shown."""
+        self._preview.cancel()
+        if self.result is None:
+            self._region_changed()
+
     def _settings_changed(self) -> None:
         self._guarded(self._show_command, None)
-        if self.controls.preview.value:
-            self._guarded(self._region_changed, None)
+        self._guarded(self._preview_again, None)
 
     # ---- planning and printing
 
@@ -409,7 +433,7 @@ class Viewer:
         Raises:
             VegaError: If a setting is no good.
         """
-        if self.planning or self.state.state in RUNNING:
+        if self.planning or self.starting or self.state.state in RUNNING:
             raise InvalidInput("a job is running; stop it first")
         settings = self.settings()
         folder = Path(self.controls.out.value).expanduser().absolute()
@@ -454,9 +478,16 @@ class Viewer:
         """
         if self.result is None:
             raise InvalidInput("there is no plan to print; press Plan first")
-        self.controls.play.value = False
-        self.job.print(self.result.path.absolute())
-        self._remark = ""
+        controls = self.controls
+        controls.play.value = False
+        machine = MachineChoice(controls.hardware.value, float(controls.machine_pace.value[1:]))
+        if self.planning or self.starting or self.state.state in RUNNING:
+            raise InvalidInput("a job is running; stop it first")
+        self.starting, self._remark = True, "starting the print"
+        try:
+            self.job.print(self.result.path.absolute(), machine)
+        finally:
+            self.starting, self._remark = False, ""
 
     def stop(self) -> None:
         """Stop planning or printing."""
@@ -488,7 +519,7 @@ class Viewer:
                 _set(controls.time, "value", round(min(state.path_time_s, controls.time.max), 1))
                 _set(controls.bar, "value", round(100.0 * state.progress, 1))
         elif controls.play.value and self.result is not None:
-            pace = float(controls.pace.value[1:])
+            pace = float(controls.play_speed.value[1:])
             after = min(self._time_s + pace * elapsed, controls.time.max)
             with self._server.atomic():
                 self.set_time(after)
@@ -502,13 +533,13 @@ class Viewer:
 
     def _update_buttons(self, running: bool) -> None:
         controls, state = self.controls, self.state.state
-        idle = not self.planning and not running
+        idle = not self.planning and not self.starting and not running
         for button, visible in (
             (controls.plan, idle and self.part is not None),
             (controls.print, idle and self.result is not None),
             (controls.pause, state == "printing"),
             (controls.resume, state == "paused"),
-            (controls.stop, not idle),
+            (controls.stop, self.planning or running),
         ):
             _set(button, "visible", visible)
 

@@ -15,6 +15,8 @@ CLICKS = (PICK_REGION, PICK_FACE, EXPLAIN)
 ALL_LAYERS, UP_TO_NOW, THIS_LAYER, NO_LAYERS = "all", "up to now", "this one", "none"
 LAYER_CHOICES = (UP_TO_NOW, THIS_LAYER, ALL_LAYERS, NO_LAYERS)
 SPEEDS = ("x1", "x10", "x60", "x300")
+#: What prints, and how much faster than the clock a simulated machine does.
+HARDWARE, PACES = ("simulated", "emulated", "ethercat"), ("x1", "x10", "x60", "x500")
 
 
 class Controls:
@@ -52,6 +54,10 @@ class Controls:
         self.settings_tab = tabs.add_tab("Settings")
         with self.settings_tab:
             self.out = gui.add_text("result folder", out, hint="Where Plan writes to.")
+            self.hardware = gui.add_dropdown("machine", HARDWARE, initial_value=HARDWARE[0])
+            self.machine_pace = gui.add_dropdown(
+                "simulated at", PACES, initial_value=PACES[2], hint="Times the pace of the clock."
+            )
 
     def _build_region(self, gui: Any) -> None:
         self.click = gui.add_dropdown("click", CLICKS, initial_value=PICK_REGION)
@@ -63,7 +69,7 @@ class Controls:
         self.use_specs = gui.add_button("Use these SPECs")
         self.clear = gui.add_button("Clear region")
         self.preview = gui.add_checkbox(
-            "show resulting layers", False, hint="Work the layers out after each click."
+            "show resulting layers", True, hint="Work the layers out after each click."
         )
         self.command = gui.add_markdown("")
 
@@ -77,7 +83,7 @@ class Controls:
         self.colouring = gui.add_dropdown(
             "toolpath colour", COLOURINGS, initial_value=COLOURINGS[0]
         )
-        self.pace = gui.add_dropdown("play speed", SPEEDS, initial_value=SPEEDS[1])
+        self.play_speed = gui.add_dropdown("play speed", SPEEDS, initial_value=SPEEDS[1])
         self.detail = gui.add_checkbox(
             "full detail", False, hint="Every face and point; wants a graphics card."
         )

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from vega_planner.datatypes import REASON_CODES, Bools, Floats, Ints, Layer, Part
+from vega_planner.datatypes import REASON_CODES, Floats, Ints, Layer, Part
 from vega_planner.viewer.picking import first_hit
 
 #: What the codes mean, for a person.
@@ -31,10 +31,12 @@ class Explanation:
 
     Attributes:
         text: For a person, one or two sentences.
+        label: The same in a few words.
         point: Where [mm], part frame.
     """
 
     text: str
+    label: str
     point: tuple[float, float, float]
 
 
@@ -69,21 +71,15 @@ def explain(
         if hit is not None and (best is None or hit.distance < best[0]):
             code = int(reasons[sheet.index][hit.face])
             text = _of_layer(sheet, hit.face, code, summary)
-            best = hit.distance, Explanation(text, hit.point)
+            state = REASON_CODES[code - 1].replace("_", " ") if code else "printable"
+            label = f"layer {sheet.index}: {state}"
+            best = hit.distance, Explanation(text, label, hit.point)
     if part is not None:
         hit = first_hit(origin, direction, part.vertices, part.faces)
         if hit is not None and (best is None or hit.distance < best[0] - 1e-3):
-            best = hit.distance, Explanation(_of_part(part, hit.face), hit.point)
+            text = _of_part(part, hit.face)
+            best = hit.distance, Explanation(text, f"face {hit.face}", hit.point)
     return best[1] if best else None
-
-
-def reason_masks(reason: Ints) -> dict[str, Bools]:
-    """Split the reasons of a sheet's faces into one mask per code that occurs."""
-    return {
-        code: reason == number
-        for number, code in enumerate(REASON_CODES, start=1)
-        if (reason == number).any()
-    }
 
 
 def _of_layer(sheet: Layer, face: int, code: int, summary: dict[str, Any]) -> str:

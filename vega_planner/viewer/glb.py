@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import struct
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,24 +52,28 @@ def baked_colours(normals: Floats, colour: tuple[int, int, int]) -> NDArray[np.u
     return (np.array(colour) * np.clip(shade, 0.3, 1.0)[:, None]).astype(np.uint8)
 
 
-def shaded_glb(vertices: Floats, faces: NDArray, colour: tuple[int, int, int]) -> bytes:
+def shaded_glb(
+    vertices: Floats, faces: NDArray, colour: tuple[int, int, int], opacity: float = 1.0
+) -> bytes:
     """Encode a triangle mesh in one colour, each face shaded by its own direction.
 
     Args:
         vertices: Positions, shape (n, 3).
         faces: Vertex indices, shape (m, 3), m >= 1.
         colour: sRGB 0..255.
+        opacity: 0 to 1.
     """
     cross = face_cross(vertices, faces)
     length = np.linalg.norm(cross, axis=1, keepdims=True)
     colours = baked_colours(cross / np.where(length > 0, length, 1.0), colour)
     corners = vertices[faces].reshape(-1, 3)
-    return _encode(
-        _TRIANGLES, corners, np.arange(len(corners)).reshape(-1, 3), np.repeat(colours, 3, axis=0)
-    )
+    indices = np.arange(len(corners))
+    return _encode(_TRIANGLES, corners, indices, np.repeat(colours, 3, axis=0), opacity)
 
 
-def _encode(mode: int, points: Floats, indices: NDArray, colours: NDArray) -> bytes:
+def _encode(
+    mode: int, points: Floats, indices: NDArray, colours: NDArray, opacity: float = 1.0
+) -> bytes:
     positions = np.ascontiguousarray(points, dtype="<f4")
     flat = np.ascontiguousarray(indices, dtype="<u4").ravel()
     # glTF's vertex colours are linear; a power of 2.2 is the usual stand-in for sRGB.
@@ -106,13 +111,20 @@ def _encode(mode: int, points: Floats, indices: NDArray, colours: NDArray) -> by
         "mode": mode,
         "material": 0,
     }
+    material: dict[str, Any] = {
+        "extensions": {"KHR_materials_unlit": {}},
+        "doubleSided": True,
+    }
+    if opacity < 1:
+        material["alphaMode"] = "BLEND"
+        material["pbrMetallicRoughness"] = {"baseColorFactor": [1.0, 1.0, 1.0, opacity]}
     header = {
         "asset": {"version": "2.0"},
         "extensionsUsed": ["KHR_materials_unlit"],
         "buffers": [{"byteLength": starts[-1]}],
         "bufferViews": views,
         "accessors": accessors,
-        "materials": [{"extensions": {"KHR_materials_unlit": {}}, "doubleSided": True}],
+        "materials": [material],
         "meshes": [{"primitives": [primitive]}],
         "nodes": [{"mesh": 0}],
         "scenes": [{"nodes": [0]}],

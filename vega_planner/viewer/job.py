@@ -18,7 +18,8 @@ class JobState:
     """Where a print stands.
 
     Attributes:
-        state: "off", "idle", "printing", "pausing", "paused", "stopping", "done" or "fault".
+        state: "off", "idle", "printing", "pausing", "paused", "stopping", "stopped", "done" or
+            "fault".
         progress: 0 to 1, by time along the path.
         path_time_s: Time along the path [s].
         time_left_s: Time the rest takes at full speed [s].
@@ -44,6 +45,19 @@ class JobState:
     detail: str = ""
 
 
+@dataclass(frozen=True)
+class MachineChoice:
+    """Which machine prints.
+
+    Attributes:
+        hardware: "simulated", "emulated" or "ethercat".
+        pace: How much faster than the clock a simulation runs; 1 is real time.
+    """
+
+    hardware: str = "simulated"
+    pace: float = 60.0
+
+
 class JobPort(Protocol):
     """Plans and prints on behalf of the viewer.
 
@@ -64,7 +78,7 @@ class JobPort(Protocol):
         """
         ...
 
-    def print(self, folder: Path) -> None:
+    def print(self, folder: Path, machine: MachineChoice) -> None:
         """Start printing a result folder; returns once the print has been accepted."""
         ...
 
@@ -98,7 +112,7 @@ class LocalJob:
 
         return plan(mesh, settings, report).write(folder)
 
-    def print(self, folder: Path) -> None:
+    def print(self, folder: Path, machine: MachineChoice) -> None:
         """Refuse: there is no robot here."""
         raise DriverError(f"printing {folder} needs ROS 2, which is not installed here")
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vega_planner.datatypes import Floats, Ints
+from vega_planner.datatypes import Ints
 from vega_planner.units import mm_to_m
 from vega_planner.viewer.glb import lines_glb
 from vega_planner.viewer.layer_view import layer_colour
@@ -175,9 +175,3 @@ def _colours(timeline: Timeline, layer_count: int, colouring: str) -> NDArray[np
     table = np.array([layer_colour(n, layer_count) for n in range(max(layer_count, 1))])
     # Darker than the sheets, so that beads stand out on their layer.
     return (0.55 * table[np.clip(timeline.layer, 0, len(table) - 1)]).astype(np.uint8)
-
-
-def travel_points(timeline: Timeline) -> Floats:
-    """List the moves without deposition as segments [mm], shape (k, 2, 3)."""
-    moving = np.flatnonzero(timeline.path_id[1:] != timeline.path_id[:-1])
-    return np.stack([timeline.points[moving], timeline.points[moving + 1]], axis=1)

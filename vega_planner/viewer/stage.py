@@ -36,10 +36,14 @@ class Stage:
         self._scene.configure_environment_map(None)
         self._part: Any = None
         self._region: Any = None
+        self._drawn: tuple[Floats, Ints] | None = None
+        self._ghost = False
 
     def show_part(self, part: TriangleGeometry) -> None:
         """Draw a part and point the camera of whoever comes next at it."""
         vertices, faces = clustered(part.vertices, part.faces, PART_BUDGET)
+        self._drawn = vertices, faces
+        self._ghost = False
         self._part = self._add("/part", vertices, faces, PART_COLOUR)
         position, target = viewpoint(part.vertices)
         self._server.initial_camera.position = tuple(position)
@@ -58,14 +62,24 @@ class Stage:
             vertices, faces = coloured_submesh(part, chosen, lift)
             self._region = self._add("/restraint", vertices, faces, REGION_COLOUR)
 
-    def set_visible(self, part: bool, region: bool) -> None:
-        """Show or hide the part and its restraint region."""
+    def set_visible(self, part: bool, region: bool, ghost: bool = False) -> None:
+        """Show or hide the part and its restraint region; a ghost lets layers shine through."""
+        if self._drawn is not None and ghost != self._ghost:
+            self._ghost = ghost
+            self._part = self._add("/part", *self._drawn, PART_COLOUR, 0.3 if ghost else 1.0)
         for handle, visible in ((self._part, part), (self._region, region)):
             if handle is not None and handle.visible != visible:
                 handle.visible = visible
 
-    def _add(self, name: str, vertices: Floats, faces: Ints, colour: tuple[int, int, int]) -> Any:
-        glb = shaded_glb(mm_to_m(vertices), faces, colour)
+    def _add(
+        self,
+        name: str,
+        vertices: Floats,
+        faces: Ints,
+        colour: tuple[int, int, int],
+        opacity: float = 1.0,
+    ) -> Any:
+        glb = shaded_glb(mm_to_m(vertices), faces, colour, opacity)
         return self._scene.add_glb(name, glb, cast_shadow=False, receive_shadow=False)
 
 

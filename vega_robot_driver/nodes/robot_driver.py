@@ -331,6 +331,8 @@ class RobotDriver(LifecycleNode):
             checkpoint = read_checkpoint(link.folder / "checkpoint.json")
             if checkpoint is None:
                 raise Refused("no interrupted print to resume")
+            if status.state == "done":  # its checkpoint may still be on its way to the disk
+                raise Refused("no interrupted print to resume; the last one is done")
             checkpoint.check_resumable(job.digest(), status.homing_epoch)
             start = checkpoint.done
         if job.joint_names != robot.joint_names:
