@@ -9,8 +9,14 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from vega_planner.datatypes import PrintTrajectory, Toolpath, ToolpathSet, Travel
-from vega_planner.printability.collisions import certificate, check_toolpaths
+from vega_planner.datatypes import (
+    PrintabilityReport,
+    PrintTrajectory,
+    Toolpath,
+    ToolpathSet,
+    Travel,
+)
+from vega_planner.printability.collisions import certificate, check_toolpaths, with_check
 from vega_planner.printability.repair import resolve_collisions
 from vega_planner.progress import silent
 from vega_planner.settings import PrintabilitySettings, Settings
@@ -149,3 +155,13 @@ def test_every_input_shows_in_the_certificate(plan):
     for name, proof in changed.items():
         differ = {k for k in seen["sha256"] if seen["sha256"][k] != proof["sha256"][k]}
         assert differ - {"job"} == {name}
+
+
+def test_a_plan_that_collides_is_not_called_printable():
+    good = PrintabilityReport("fully", 1.0, 1.0, 1.0)
+    assert with_check(good, check(joined(wall(4)))) is good
+    bad = [*wall(20), line([-10, 1.3, 0.4], [10, 1.3, 0.4], patch=1)]
+    report = with_check(good, check(joined(bad)))
+    assert report.status == "not"
+    assert report.reasons[0].code == "printed_part"
+    assert "waypoints collide" in report.reasons[0].remedy
