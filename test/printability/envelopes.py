@@ -60,9 +60,7 @@ def dome(radius: float = 12.0, thickness: float = 0.8, edge: float = 1.2) -> Lay
     while radius - depth > 0.3:
         inner = radius - depth
         v, f = dome_sheet(inner, max(4, int(inner * 1.57 / edge)))
-        layers.append(
-            Layer(len(layers), "envelope", depth, v, f, np.full(len(v), thickness))
-        )
+        layers.append(Layer(len(layers), "envelope", depth, v, f, np.full(len(v), thickness)))
         depth += thickness
     return LayerStack(part, "field", thickness, tuple(layers))
 
@@ -79,9 +77,7 @@ def ellipsoid(
     depth = 0.5 * thickness
     while min(a, b, c) - depth > 1.5:
         shell = v * [a - depth, b - depth, c - depth] + [0, 0, c]
-        layers.append(
-            Layer(len(layers), "envelope", depth, shell, f, np.full(len(v), thickness))
-        )
+        layers.append(Layer(len(layers), "envelope", depth, shell, f, np.full(len(v), thickness)))
         depth += thickness
     return LayerStack(part, "field", thickness, tuple(layers))
 

@@ -56,9 +56,9 @@ def test_filled_volume_is_the_solid_s_volume(turn):
     index = np.argwhere(solid)
     inside = origin + spacing * index
     assert trimesh.Trimesh(v, f).bounding_box.extents.min() > 0
-    local = np.linalg.inv(
-        trimesh.transformations.rotation_matrix(turn, [1, 2, 3])
-    )[:3, :3] @ inside.T
+    local = (
+        np.linalg.inv(trimesh.transformations.rotation_matrix(turn, [1, 2, 3]))[:3, :3] @ inside.T
+    )
     assert (np.abs(local.T) <= np.array([10, 7, 4.5]) + 1e-9).all()
 
 

@@ -29,9 +29,7 @@ def surface(tip: np.ndarray, axis: np.ndarray) -> np.ndarray:
 @settings(deadline=None, derandomize=True, max_examples=25)
 @given(st.floats(0, 3.1), st.floats(0, 6.2), st.floats(-5, 30))
 def test_lowest_point_of_the_tool_is_exact(tilt, turn, height):
-    axis = np.array(
-        [np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)]
-    )
+    axis = np.array([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)])
     tip = np.array([1.0, 2.0, height])
     low = ToolShape.of(TOOL).height_above(tip[None], axis[None])[0]
     dense = surface(tip, axis)[..., 2].min()

@@ -4,12 +4,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vega_planner.datatypes import Bools, Floats, Ints, LayerStack, Patch, ToolpathSet
+from vega_planner.datatypes import (
+    Bools,
+    Floats,
+    Ints,
+    LayerStack,
+    Patch,
+    PrintabilityReport,
+    Reason,
+    ToolpathSet,
+)
 from vega_planner.parallel import map_threads
 from vega_planner.printability import bead_kernels
 from vega_planner.printability.assessment import stage_height
@@ -22,7 +31,7 @@ from vega_planner.settings import PrintabilitySettings
 if TYPE_CHECKING:
     from vega_planner.robot.workcell import Workcell
 
-__all__ = ["CollisionCheck", "certificate", "check_toolpaths"]
+__all__ = ["CollisionCheck", "certificate", "check_toolpaths", "with_check"]
 
 #: On travel, the tip counts too once it is this far from both ends [mm].
 FREE_MM = 2.5
@@ -65,6 +74,24 @@ class CollisionCheck:
             "deepest_mm": round(float(self.depth_mm.max()), 3) if self.colliding else 0.0,
             "obstacles": {name: self.obstacle.count(name) for name in sorted(set(self.obstacle))},
         }
+
+
+def with_check(report: PrintabilityReport, check: CollisionCheck) -> PrintabilityReport:
+    """Take the outcome of the final check into the report: what collides is not printable."""
+    if not check.colliding:
+        return report
+    reasons = list(report.reasons)
+    for name in sorted(set(check.obstacle)):
+        chosen = np.array([word == name for word in check.obstacle])
+        worst = check.points[chosen][int(np.argmax(check.depth_mm[chosen]))]
+        where = (float(worst[0]), float(worst[1]), float(worst[2]))
+        remedy = (
+            f"{int(chosen.sum())} waypoints collide, the deepest by "
+            f"{float(check.depth_mm[chosen].max()):.2f} mm: a slimmer tool, another restraint "
+            "region (--brr) or thinner layers"
+        )
+        reasons.append(Reason(name, -1, 0.0, where, remedy))
+    return replace(report, status="not", reasons=tuple(reasons))
 
 
 @dataclass(frozen=True, eq=False)

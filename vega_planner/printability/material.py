@@ -17,6 +17,10 @@ from vega_planner.printability.tool_shape import STEP_MM, ToolShape
 #: Voxels of a stage's grid; a distance field of so many takes about 10 ms.
 VOXELS = 150_000
 
+#: How far the rims of a tool may stand out of its inscribed balls [mm], and some more: the
+#: walk along the axis must not jump over places nearer than that.
+RIM_MM = 0.5
+
 #: Offset of the grid's origin, so that no column runs along the edges of round numbers.
 _JITTER = (0.0123, 0.0247, 0.0371)
 
@@ -75,6 +79,7 @@ class DistanceField:
             Clearances [mm], negative where the tool is inside, shape (n,).
         """
         out = np.full(len(tips), CLEAR)
+        enough_mm = max(enough_mm, give_up_mm + RIM_MM)
         if self is EMPTY or not len(tips):
             return out
         tool_clearance(

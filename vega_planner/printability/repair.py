@@ -38,8 +38,8 @@ ENOUGH_MM = 0.02
 #: Rounds of checking and turning.
 ROUNDS = 3
 
-#: Share of colliding waypoints beyond which turning the nozzle is no answer.
-HOPELESS_SHARE = 0.02
+#: Number, and share, of colliding waypoints beyond which turning the nozzle is no answer.
+MANY, HOPELESS_SHARE = 500, 0.02
 
 _TILTS_DEG, _AZIMUTHS = (0.0, 6.0, 12.0, 18.0, 25.0, 33.0, 42.0, 52.0, 63.0), 16
 
@@ -71,7 +71,8 @@ def resolve_collisions(
     if settings.orientation != "collision-free":
         return toolpaths, check
     for _ in range(ROUNDS):
-        if not check.colliding or check.colliding > HOPELESS_SHARE * check.checked:
+        hopeless = max(MANY, HOPELESS_SHARE * check.checked)
+        if not check.colliding or check.colliding > hopeless:
             break
         turned = _turned(toolpaths, check, stack, cell, settings, report)
         again = check_toolpaths(turned, patches, stack, cell, settings, report)

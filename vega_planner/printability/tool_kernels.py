@@ -84,7 +84,7 @@ def tool_clearance(
             k = int((d + s - enough) / step)
             if k >= reach.shape[0]:
                 break
-            s = max(s + 2.0 * step, reach[k] if k > 0 else 0.0)
+            s = max(s + step, reach[k] if k > 0 else 0.0)
         if best > enough or best < give_up:
             out[i] = best
             continue
@@ -107,7 +107,7 @@ def tool_clearance(
             d = _distance(field, origin, inverse, cx, cy, cz)
             if d > r + enough:
                 continue
-            count = max(8, int(6.3 * r / 1.2))
+            count = max(12, int(6.3 * r / 0.8))
             for m in range(count):
                 t = 2.0 * math.pi * m / count
                 p = math.cos(t) * r
