@@ -74,15 +74,20 @@ def depth_errors(stack: LayerStack) -> dict[str, float]:
     region = None
     if part.restrained.any():
         region = DistanceField(part.vertices, part.faces[part.restrained])
-    at_vertices, at_centres, outside, rims = [], [], [0.0], [np.zeros(1)]
+    at_vertices, at_centres = [np.zeros(1)], [np.zeros(1)]
+    outside, rims = [0.0], [np.zeros(1)]
     for layer in stack.layers:
+        if len(layer.faces) == 0:
+            continue
         centres = layer.vertices[layer.faces].mean(1)
         at_vertices.append(np.abs(field.distances(layer.vertices) - layer.depth_mm))
         at_centres.append(np.abs(field.distances(centres) - layer.depth_mm))
         points = np.concatenate([layer.vertices, centres])
         near = whole.nearest(points)
         side = ((points - near.points) * part.face_normals[near.faces]).sum(1)
-        outside.append(float(near.distances[side > 0].max(initial=0.0)))
+        # Layers lie deeper than S, so they could only leave through the region.
+        leaves = (side > 0) & part.restrained[near.faces]
+        outside.append(float(near.distances[leaves].max(initial=0.0)))
         rim = rim_vertices(layer)
         if len(rim) and region is not None:
             rims.append(region.distances(layer.vertices[rim]))
@@ -115,6 +120,8 @@ def topology(stack: LayerStack) -> dict[str, float]:
     """Count what upsets the next stage: non-manifold edges and slivers."""
     shared, slivers, total = 0, 0, 0
     for layer in stack.sheets:
+        if len(layer.faces) == 0:
+            continue
         shared += int((sheet_edges(layer)[1] > 2).sum())
         corners = layer.vertices[layer.faces]
         sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
@@ -171,7 +178,7 @@ def completeness(stack: LayerStack, count: int = 60000) -> dict[str, float]:
         on_level = found.points[deep] + r * ray
         asked += len(on_level)
         gap = np.full(len(on_level), np.inf)
-        if level < len(stack.layers):
+        if level < len(stack.layers) and len(stack.layers[level].faces):
             layer = stack.layers[level]
             gap = DistanceField(layer.vertices, layer.faces).distances(on_level)
         for core in cores:
@@ -195,6 +202,8 @@ def filling(stack: LayerStack, count: int = 100000) -> dict[str, float]:
     material = 0.0
     occluded = bool(stack.warnings)
     for sheet in stack.sheets:
+        if len(sheet.faces) == 0:
+            continue
         local = sheet.thickness[sheet.faces].mean(1)
         material += float((sheet.face_areas * local).sum())
         near = np.ones(len(points), bool)

@@ -77,23 +77,28 @@ class TriangleGeometry:
     faces: Ints
 
     @cached_property
+    def _cross(self) -> Floats:
+        return face_cross(self.vertices, self.faces)
+
+    @cached_property
     def face_areas(self) -> Floats:
         """Areas of the faces [mm²], shape (m,)."""
-        return 0.5 * np.linalg.norm(face_cross(self.vertices, self.faces), axis=1)
+        return 0.5 * np.linalg.norm(self._cross, axis=1)
 
     @cached_property
     def face_normals(self) -> Floats:
         """Unit face normals by the right-hand rule, shape (m, 3); zero where degenerate."""
-        return _unit(face_cross(self.vertices, self.faces))
+        return _unit(self._cross)
 
     @cached_property
     def vertex_normals(self) -> Floats:
         """Unit vertex normals, the faces weighted by their area, shape (n, 3)."""
-        cross = face_cross(self.vertices, self.faces)
-        total = np.zeros_like(self.vertices)
-        for corner in range(3):
-            np.add.at(total, self.faces[:, corner], cross)
-        return _unit(total)
+        corners = self.faces.T.ravel()
+        total = [
+            np.bincount(corners, np.tile(self._cross[:, x], 3), len(self.vertices))
+            for x in range(3)
+        ]
+        return _unit(np.column_stack(total))
 
     @cached_property
     def area(self) -> float:

@@ -71,6 +71,17 @@ class Unreachable(VegaError):
     waypoint: int = -1
 
 
+class NotRegistered(VegaError):
+    """A scan cannot be laid onto its target.
+
+    Attributes:
+        best: The best registration found, or None.
+    """
+
+    code = 113
+    best: object = None
+
+
 class OutputError(VegaError, OSError):
     """A result cannot be written (no permission, no space)."""
 

@@ -58,7 +58,6 @@ def plan(
     Raises:
         InvalidInput: If the mesh, the restraint region or a setting is no good.
         NoLayers: If the part yields no layer.
-        NotPrintable: If nothing of it can be printed.
         Cancelled: If `report` asked to stop.
     """
     from vega_planner.layers import generate_layers
@@ -68,9 +67,10 @@ def plan(
     from vega_planner.printability.collisions import certificate, check_toolpaths
     from vega_planner.robot import load_cell
     from vega_planner.splitting import split_layers
+    from vega_planner.substrate import stand_on_substrate
     from vega_planner.toolpaths import lay_toolpaths
     from vega_planner.toolpaths.coverage import measure_coverage
-    from vega_planner.trajectory import make_trajectory
+    from vega_planner.trajectory import make_trajectory, no_motion
 
     settings = settings or Settings()
     stages = _Stages(report)
@@ -80,7 +80,7 @@ def plan(
             part = load_part(part, settings.part, tell)
         part = _compensated(part, settings)
     with stages.enter("cell"):
-        cell = load_cell(settings.cell, part)
+        cell = stand_on_substrate(load_cell(settings.cell, part), part)
     with stages.enter("layers") as tell:
         stack = generate_layers(
             part, settings.layers, tell, edge_angle_deg=settings.part.edge_angle_deg
@@ -94,11 +94,16 @@ def plan(
     with stages.enter("toolpaths") as tell:
         toolpaths = lay_toolpaths(order.patches, stack, cell, settings.toolpaths, tell)
     with stages.enter("trajectory") as tell:
-        trajectory = make_trajectory(toolpaths, cell, settings.trajectory, tell)
+        if toolpaths.passes:
+            trajectory = make_trajectory(toolpaths, cell, settings.trajectory, tell)
+        else:  # the report says why nothing can be printed
+            trajectory = no_motion(cell)
     with stages.enter("checks") as tell:
         check = check_toolpaths(toolpaths, order.patches, stack, cell, settings.printability, tell)
         proof = certificate(part, settings, cell, toolpaths, trajectory, check)
-        coverage = measure_coverage(toolpaths, stack)
+        coverage = measure_coverage(
+            order.patches, toolpaths, stack, settings.toolpaths.width_mm
+        )
     return PrintPlan(
         settings=settings,
         part=part,

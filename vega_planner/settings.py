@@ -156,6 +156,13 @@ class ToolpathSettings:
     link_ratio: float = option(
         2.5, "Longest link between two lines of one pass, in bead widths.", low=0.0, high=10.0
     )
+    skin_overlap_ratio: float = option(
+        0.15,
+        "How much closer the lines of the outermost layer lie: shallower grooves on the visible "
+        "surface. The layers below it give the volume.",
+        low=0.0,
+        high=0.3,
+    )
 
 
 @dataclass(frozen=True)

@@ -59,7 +59,7 @@ def test_bad_usage_is_one_line_and_status_2(tmp_path, words, parts):
         ("missing.stl", None, ("missing.stl",)),
         ("empty.stl", b"", ("empty.stl",)),
         ("noise.stl", b"\x00\x01\x02" * 100, ("noise.stl",)),
-        ("part.xyz", b"1 2 3", ("part.xyz", ".stl")),
+        ("part.xyz", b"1 2 3", ("part.xyz", "stl")),
         ("half.ply", b"ply\nformat ascii 1.0\nelement vertex 4\n", ("half.ply",)),
         (
             "nan.obj",

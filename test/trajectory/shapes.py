@@ -74,3 +74,9 @@ def dome_lines(radius=30.0, rim_deg=60.0, spacing=1.03, step=0.5, offset=0.0):
     axes = np.column_stack([flat, z]) / radius
     points = np.column_stack([flat, z - radius * np.cos(rim) + 0.4])
     return pass_of(points, axes)
+
+
+def line(corners):
+    """A flat polyline with the nozzle upright."""
+    corners = np.asarray(corners, dtype=float)
+    return pass_of(corners, np.tile([0.0, 0.0, 1.0], (len(corners), 1)))

@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
+# mypy: disable-error-code="no-untyped-def"
 """Kernels that thin out bead rows and draw beads into a signed field."""
 
 from __future__ import annotations

@@ -104,8 +104,8 @@ def beads_of(toolpaths: ToolpathSet) -> BeadRows:
     """Lay out the passes of a toolpath as rows of beads."""
     passes = toolpaths.passes
     if not passes:
-        empty = np.zeros(0)
-        return BeadRows(empty, np.zeros((0, 3)), np.zeros((0, 3)), empty, empty, empty)
+        none, nowhere = np.zeros(0), np.zeros((0, 3))
+        return BeadRows(none.astype(np.int64), nowhere, nowhere, none, none, none.astype(bool))
     extrude = np.concatenate([np.arange(len(path.points)) > 0 for path in passes])
     return BeadRows(
         path_id=np.repeat(np.arange(len(passes)), [len(path.points) for path in passes]),
@@ -127,7 +127,7 @@ def read_beads(path: str | Path) -> BeadRows:
 
     columns = read_table(path, [name for name in TOOLPATH_COLUMNS if name != "layer"])
     beads = BeadRows(
-        path_id=columns["path_id"],
+        path_id=columns["path_id"].astype(np.int64),
         points=np.column_stack([columns[f"{axis}_mm"] for axis in "xyz"]),
         axes=np.column_stack([columns[f"tool_{axis}"] for axis in "xyz"]),
         width=columns["width_mm"],

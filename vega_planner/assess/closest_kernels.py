@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
+# mypy: disable-error-code="no-untyped-def"
 """Kernels of the closest-point query on a triangle mesh.
 
 The tree is a complete binary heap of boxes over triangles in Morton order: node k has

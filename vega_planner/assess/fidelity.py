@@ -75,7 +75,8 @@ class Deviation:
 def vertex_areas(vertices: Floats, faces: Ints) -> Floats:
     """Share the area of faces among their corners [mm²], shape (n,)."""
     thirds = np.linalg.norm(face_cross(vertices, faces), axis=1) / 6
-    return np.bincount(faces.ravel(), np.repeat(thirds, 3), minlength=len(vertices))
+    areas = np.bincount(faces.ravel(), np.repeat(thirds, 3), minlength=len(vertices))
+    return areas.astype(np.float64)
 
 
 def measure_deviation(
@@ -89,9 +90,16 @@ def measure_deviation(
         target: The target.
         restrained: True for the target's restrained faces, shape (k,).
     """
-    found = target.query(vertices)
+    return measure_points(vertices, target, restrained, vertex_areas(vertices, faces))
+
+
+def measure_points(
+    points: Floats, target: SurfaceDistance, restrained: Bools, areas: Floats | None = None
+) -> Deviation:
+    """Measure e2 at points, which stand for equal areas where these are not given."""
+    found = target.query(points)
     free = target.touching(~restrained)[found.faces, found.features]
-    areas = vertex_areas(vertices, faces)
+    areas = np.ones(len(points)) if areas is None else areas
     return Deviation(found.signed, areas, free, found.feet, found.faces)
 
 

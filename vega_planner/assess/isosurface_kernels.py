@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
+# mypy: disable-error-code="no-untyped-def"
 """Kernel of marching cubes over a fixed-point field, plane by plane."""
 
 from __future__ import annotations

@@ -38,9 +38,7 @@ class _Mesh(TriangleGeometry):
         self.vertices, self.faces = vertices, faces
 
 
-def scanned(
-    vertices: Floats, faces: Ints, scanner: Scanner, seed: int = 0
-) -> tuple[Floats, Ints]:
+def scanned(vertices: Floats, faces: Ints, scanner: Scanner, seed: int = 0) -> tuple[Floats, Ints]:
     """Scan a surface: smooth it to the scanner's resolution and add its noise.
 
     Args:

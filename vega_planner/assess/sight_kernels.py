@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
+# mypy: disable-error-code="no-untyped-def"
 """Kernels that find which empty space can be seen from outside.
 
 Empty nodes are collected as runs along x, and runs that touch are joined in a union-find

@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
+# mypy: disable-error-code="no-untyped-def"
 """Kernels that draw a mesh into a signed field and compare two fields by volume."""
 
 from __future__ import annotations
@@ -179,7 +180,10 @@ def compare_fields(printed, target, first_z, last_z):
                     if under == 0 and over == 0:
                         continue
                 if count == len(cells):
-                    more_cells, more_parts = np.empty(2 * count, np.int64), np.empty((2 * count, 2))
+                    more_cells, more_parts = (
+                        np.empty(2 * count, np.int64),
+                        np.empty((2 * count, 2)),
+                    )
                     more_cells[:count], more_parts[:count] = cells, parts
                     cells, parts = more_cells, more_parts
                 cells[count] = (z * count_y + y) * count_x + x

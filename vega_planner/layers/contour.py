@@ -13,6 +13,7 @@ from vega_planner.datatypes import Floats, Ints
 from vega_planner.layers import contour_kernels as kernels
 from vega_planner.layers.contour_tables import component_tables
 from vega_planner.layers.distance_field import DistanceField
+from vega_planner.layers.geodesic import Sources
 from vega_planner.layers.grid import Grid
 from vega_planner.parallel import map_threads
 
@@ -27,6 +28,7 @@ class Sheet:
         faces: Vertex indices, outward side counter-clockwise, shape (m, 3).
         slots: A triangle of S (tree order) next to each vertex, shape (n,).
         rim: True for vertices on the restraint region, shape (n,).
+        inward: Unit vectors away from the nearest point of S, shape (n, 3).
     """
 
     depth: float
@@ -34,16 +36,17 @@ class Sheet:
     faces: Ints
     slots: Ints
     rim: np.ndarray
+    inward: Floats
 
 
 def contour_levels(
-    grid: Grid, field: DistanceField, brr: DistanceField | None, r0: float, t: float
+    grid: Grid, sources: Sources, brr: DistanceField | None, r0: float, t: float
 ) -> list[Sheet]:
     """Contour the level sets r0 + i t that the grid meets.
 
     Args:
         grid: Distances at the nodes.
-        field: Distances to S.
+        sources: What distances are measured from.
         brr: Distances to the restraint region, or None where there is none.
         r0: First level [mm].
         t: Distance between levels [mm].
@@ -58,20 +61,32 @@ def contour_levels(
     )
     slabs = grid.slabs(32)
     h, origin, state = grid.spacing, grid.origin, grid.state
+    narrow = len(sources.box) == 0
     brr_set: tuple[Any, ...]
     leave = np.full((len(state) if brr else 1, 3), 2.0, np.float32)
     if brr:
         brr_set = (brr.tri, *brr.rings, brr.box)
         map_threads(
             lambda s: kernels.find_exits(
-                brr.tri, brr.box, origin, h, state, grid.distance, grid.level, ny, nz, *s, leave
+                brr.tri,
+                brr.box,
+                origin,
+                h,
+                state,
+                grid.distance,
+                grid.level,
+                narrow,
+                ny,
+                nz,
+                *s,
+                leave,
             ),
             slabs,
         )
     else:
         none = np.zeros(0, np.int32)
         brr_set = (
-            np.zeros((0, 12)), np.zeros((0, 3), np.int32), np.zeros(1, np.int64), none,
+            np.zeros((0, 13)), np.zeros((0, 3), np.int32), np.zeros(1, np.int64), none,
             np.zeros((1, 6)),
         )  # fmt: skip
     base = np.zeros(len(state) + 1, np.int64)
@@ -85,34 +100,45 @@ def contour_levels(
     vertex_level = np.full(total, -1, np.int16)
     vertex_slot = np.zeros(total, np.int32)
     is_rim = np.zeros(total, np.uint8)
-    field_set: tuple[Any, ...] = (field.tri, *field.rings, field.box)
+    inward = np.zeros((total, 3))
+    field_set: tuple[Any, ...] = (sources.tri, *sources.rings, sources.box)
     map_threads(
         lambda s: kernels.make_vertices(
             *field_set, *brr_set, origin, h, state, grid.distance, grid.slot, grid.gradient,
             grid.level, leave, r0, t, edges, counts, members, corner_step, ny, nz, *s,
-            base, position, vertex_level, vertex_slot, is_rim,
+            base, position, vertex_level, vertex_slot, is_rim, inward,
         ),
         slabs,
     )  # fmt: skip
-    quads = _quads(grid, field, leave, r0, t, counts, members, corner_step, slabs, base)
+    quads = _quads(grid, sources, leave, r0, t, counts, members, corner_step, slabs, base)
     faces = np.zeros((2 * len(quads), 3), np.int64)
     pieces = [len(quads) * k // 16 for k in range(17)]
     map_threads(
         lambda s: kernels.split_quads(
-            field.tri, *field.rings, position, vertex_level, vertex_slot, quads, *s, r0, t, faces
+            sources.tri,
+            *sources.rings,
+            position,
+            vertex_level,
+            vertex_slot,
+            inward,
+            quads,
+            *s,
+            r0,
+            t,
+            faces,
         ),
         list(pairwise(pieces)),
     )
-    return _by_level(position, vertex_level, vertex_slot, is_rim, faces, r0, t)
+    return _by_level(position, vertex_level, vertex_slot, is_rim, inward, faces, r0, t)
 
 
-def _quads(grid, field, leave, r0, t, counts, members, corner_step, slabs, base):  # type: ignore[no-untyped-def]
+def _quads(grid, sources, leave, r0, t, counts, members, corner_step, slabs, base):  # type: ignore[no-untyped-def]
     """Collect the quads of all slabs in order."""
     _, ny, nz = grid.shape
 
     def collect(slab: tuple[int, int]) -> Ints:
         arguments = (
-            field.tri, grid.origin, grid.spacing, grid.state, grid.distance, grid.slot,
+            sources.tri, grid.origin, grid.spacing, grid.state, grid.distance, grid.slot,
             grid.level, leave, r0, t, counts, members, corner_step, ny, nz, *slab, base,
         )  # fmt: skip
         quads = np.zeros((kernels.make_quads(*arguments, np.zeros((0, 4), np.int64)), 4), np.int64)
@@ -123,27 +149,34 @@ def _quads(grid, field, leave, r0, t, counts, members, corner_step, slabs, base)
     return np.concatenate(map_threads(collect, slabs))
 
 
-def _by_level(position, vertex_level, vertex_slot, is_rim, faces, r0, t):  # type: ignore[no-untyped-def]
+def _by_level(position, vertex_level, vertex_slot, is_rim, inward, faces, r0, t):  # type: ignore[no-untyped-def]
     """Sort vertices and faces into one sheet per level."""
-    used = np.zeros(len(position), bool)
-    used[faces] = True
     a, b, c = position[faces[:, 0]], position[faces[:, 1]], position[faces[:, 2]]
     apart = (a != b).any(1) & (b != c).any(1) & (c != a).any(1)
-    faces = faces[apart]
-    face_level = vertex_level[faces[:, 0]]
-    levels = int(face_level.max()) + 1 if len(faces) else 0
-    sheets = []
+    if not apart.all():
+        faces = faces[apart]
+    used = np.zeros(len(position), bool)
+    used[faces] = True
+    mine = np.flatnonzero(used)
+    mine = mine[np.argsort(vertex_level[mine], kind="stable")]
+    levels = int(vertex_level[mine[-1]]) + 1 if len(mine) else 0
+    ends = np.searchsorted(vertex_level[mine], np.arange(levels + 1))
     number = np.zeros(len(position), np.int64)
-    for k in range(levels):
-        mine = np.flatnonzero(used & (vertex_level == k))
-        number[mine] = np.arange(len(mine))
-        sheets.append(
-            Sheet(
-                r0 + k * t,
-                position[mine],
-                number[faces[face_level == k]],
-                vertex_slot[mine].astype(np.int64),
-                is_rim[mine] > 0,
-            )
+    number[mine] = np.arange(len(mine))
+    face_level = vertex_level[faces[:, 0]]
+    order = np.argsort(face_level, kind="stable")
+    face_ends = np.searchsorted(face_level[order], np.arange(levels + 1))
+    faces = number[faces[order]]
+
+    def sheet(k: int) -> Sheet:
+        rows = mine[ends[k] : ends[k + 1]]
+        return Sheet(
+            r0 + k * t,
+            position[rows],
+            faces[face_ends[k] : face_ends[k + 1]] - ends[k],
+            vertex_slot[rows].astype(np.int64),
+            is_rim[rows] > 0,
+            inward[rows],
         )
-    return sheets
+
+    return map_threads(sheet, range(levels))

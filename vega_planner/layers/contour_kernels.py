@@ -16,17 +16,25 @@ import numpy as np
 from numba import njit
 
 from vega_planner.layers.grid_kernels import INSIDE
-from vega_planner.layers.triangle_kernels import closest, first_hit, nearest, walk
+from vega_planner.layers.triangle_kernels import (
+    closest,
+    first_hit,
+    nearest,
+    nearest_or_walk,
+    walk,
+)
 
 #: Cosine above which two gradients belong to one smooth sheet (21 degrees).
 SAME_SHEET = 0.93
 
 
 @njit(nogil=True, cache=True)
-def find_exits(brr_tri, brr_box, origin, h, state, d, level, ny, nz, first, last, leave):
+def find_exits(brr_tri, brr_box, origin, h, state, d, level, narrow, ny, nz, first, last, leave):
     """Find where edges from inside to beyond the restraint region leave the part.
 
-    leave[n, axis] is the parameter along the edge from the inside node; 2 elsewhere.
+    leave[n, axis] is the parameter along the edge from the inside node, and 2 where the
+    edge does not leave. Where the part may have slots narrower than the grid (`narrow`),
+    edges between inside nodes that cross a level are tried as well: -1 if they leave.
     """
     stack = np.zeros(64, np.int64)
     step = (ny * nz, nz, 1)
@@ -36,7 +44,11 @@ def find_exits(brr_tri, brr_box, origin, h, state, d, level, ny, nz, first, last
                 n = (i * ny + j) * nz + k
                 for axis in range(3):
                     m = n + step[axis]
-                    if (state[n] == INSIDE) == (state[m] == INSIDE):
+                    both = state[n] == INSIDE and state[m] == INSIDE
+                    if both:
+                        if not narrow or level[n] == level[m]:
+                            continue
+                    elif state[n] != INSIDE and state[m] != INSIDE:
                         continue
                     outer = m if state[n] == INSIDE else n
                     if d[outer] <= 0.0:
@@ -50,7 +62,7 @@ def find_exits(brr_tri, brr_box, origin, h, state, d, level, ny, nz, first, last
                     else:
                         s, e = first_hit(brr_tri, brr_box, u, v, w, x, y, z, stack)
                     if s >= 0:
-                        leave[n, axis] = e
+                        leave[n, axis] = -1.0 if both else e
 
 
 @njit(nogil=True, cache=True)
@@ -88,7 +100,7 @@ def is_real(tri, origin, h, state, d, slot, leave, n, axis, step, ny, nz, r):
     m = n + step
     a, b = state[n] == INSIDE, state[m] == INSIDE
     if a and b:
-        return True
+        return len(leave) == 1 or leave[n, axis] >= 0.0
     if not a and not b:
         return False
     outer = m if a else n
@@ -288,7 +300,9 @@ def place(
                 g[same, 0], g[same, 1], g[same, 2], g[same, 3] = nx, ny, nz, r - e
             if rows == 0 or attempt == 1:
                 # Only the nearest sheet, which is there in any case.
-                hint, d2 = nearest(tri, box, x, y, z, hint, 1e300, stack, lower)
+                hint, d2 = nearest_or_walk(
+                    tri, corner, ring_start, ring, box, x, y, z, hint, stack, lower
+                )
                 e, fx, fy, fz = closest(tri, hint, x, y, z)
                 e = max(np.sqrt(e), 1e-9)
                 rows = 1
@@ -355,10 +369,15 @@ def settle(tri, corner, ring_start, ring, box, brr_tri, brr_box, h, r, hint, rim
         if q >= 0:
             _, fx, fy, fz = closest(brr_tri, q, v[0], v[1], v[2])
             v[0], v[1], v[2] = fx, fy, fz
-    s, _ = nearest(tri, box, v[0], v[1], v[2], hint, 1e300, stack, lower)
-    d2, fx, fy, fz = closest(tri, s, v[0], v[1], v[2])
-    e = np.sqrt(d2)
-    if not rim and abs(e - r) > 2e-3 and e > 1e-9:
+    s = hint
+    for _ in range(3):
+        s, _ = nearest_or_walk(
+            tri, corner, ring_start, ring, box, v[0], v[1], v[2], s, stack, lower
+        )
+        d2, fx, fy, fz = closest(tri, s, v[0], v[1], v[2])
+        e = np.sqrt(d2)
+        if rim or abs(e - r) < 2e-3 or e < 1e-9:
+            break
         v[0] = fx + (v[0] - fx) * r / e
         v[1] = fy + (v[1] - fy) * r / e
         v[2] = fz + (v[2] - fz) * r / e
@@ -400,6 +419,7 @@ def make_vertices(
     vertex_level,
     vertex_slot,
     is_rim,
+    inward,
 ):
     """Place the vertices of the cells in planes first:last."""
     stack = np.zeros(64, np.int64)
@@ -444,7 +464,25 @@ def make_vertices(
                             x = origin[0] + h * x
                             y = origin[1] + h * y
                             z = origin[2] + h * z
-                            if is_real(
+                            other = -1
+                            blocked = len(leave) > 1 and leave[na, e // 4] < 0.0
+                            if blocked:
+                                # A narrow slot lies between the nodes: the sheet ends at the
+                                # side of the slot that its level belongs to.
+                                mine, other = na, nb
+                                if abs(d[nb] - r) < abs(d[na] - r):
+                                    mine, other = nb, na
+                                px = origin[0] + h * (mine // (ny * nz))
+                                py = origin[1] + h * (mine // nz % ny)
+                                pz = origin[2] + h * (mine % nz)
+                                qx = origin[0] + h * (other // (ny * nz))
+                                qy = origin[1] + h * (other // nz % ny)
+                                qz = origin[2] + h * (other % nz)
+                                _, u = first_hit(brr_tri, brr_box, px, py, pz, qx, qy, qz, stack)
+                                x = px + u * (qx - px)
+                                y = py + u * (qy - py)
+                                z = pz + u * (qz - pz)
+                            if not blocked and is_real(
                                 tri, origin, h, state, d, slot, leave, na, e // 4, nb - na, ny, nz, r
                             ):  # fmt: skip
                                 real += 1
@@ -471,6 +509,8 @@ def make_vertices(
                                         limits[q] = max(limits[q], limit)
                                         break
                                 if not known and slot[m] >= 0:
+                                    if blocked and m == other:
+                                        continue
                                     limits[kinds] = limit
                                     for q in range(3):
                                         normals[kinds, q] = gradient[m, q]
@@ -497,6 +537,22 @@ def make_vertices(
                                 v[0] = fx + (v[0] - fx) * r / e2
                                 v[1] = fy + (v[1] - fy) * r / e2
                                 v[2] = fz + (v[2] - fz) * r / e2
+                            # Where another sheet is about, make sure that it is not nearer.
+                            least = 1.0
+                            for c in range(8):
+                                m = n + corner_step[c]
+                                if slot[m] >= 0:
+                                    least = min(
+                                        least,
+                                        gradient[m, 0] * normals[0, 0]
+                                        + gradient[m, 1] * normals[0, 1]
+                                        + gradient[m, 2] * normals[0, 2],
+                                    )
+                            if least < 0.9:
+                                hint = settle(
+                                    tri, corner, ring_start, ring, box, brr_tri, brr_box,
+                                    h, r, hint, False, v, stack, lower,
+                                )  # fmt: skip
                         else:
                             wall_count = 0
                             for q in range(beyond):
@@ -529,6 +585,11 @@ def make_vertices(
                         position[vertex, 1] = v[1]
                         position[vertex, 2] = v[2]
                         vertex_slot[vertex] = hint
+                        d2, fx, fy, fz = closest(tri, hint, v[0], v[1], v[2])
+                        e2 = max(np.sqrt(d2), 1e-12)
+                        inward[vertex, 0] = (v[0] - fx) / e2
+                        inward[vertex, 1] = (v[1] - fy) / e2
+                        inward[vertex, 2] = (v[2] - fz) / e2
                         is_rim[vertex] = 1 if beyond > 0 else 0
                         vertex += 1
 
@@ -630,6 +691,7 @@ def split_quads(
     position,
     vertex_level,
     vertex_slot,
+    inward,
     quads,
     first,
     last,
@@ -641,14 +703,18 @@ def split_quads(
     for q in range(first, last):
         a, b, c, e = quads[q, 0], quads[q, 1], quads[q, 2], quads[q, 3]
         r = r0 + t * vertex_level[a]
-        gap = 0.0
-        first_length, second_length = 0.0, 0.0
+        bulge_ac, bulge_be = 0.0, 0.0
+        ab, bc, ce, ea = 0.0, 0.0, 0.0, 0.0
         for x in range(3):
-            gap += (position[a, x] + position[c, x] - position[b, x] - position[e, x]) ** 2
-            first_length += (position[a, x] - position[c, x]) ** 2
-            second_length += (position[b, x] - position[e, x]) ** 2
-        along = first_length <= second_length
-        if gap > 1.6e-5:
+            bulge_ac += (position[c, x] - position[a, x]) * (inward[c, x] - inward[a, x])
+            bulge_be += (position[e, x] - position[b, x]) * (inward[e, x] - inward[b, x])
+            ab += inward[a, x] * inward[b, x]
+            bc += inward[b, x] * inward[c, x]
+            ce += inward[c, x] * inward[e, x]
+            ea += inward[e, x] * inward[a, x]
+        turn = min(ab, bc, ce, ea)
+        along = abs(bulge_ac) <= abs(bulge_be)
+        if turn < 0.9:
             _, d2, _, _, _ = walk(
                 tri, corner, ring_start, ring, vertex_slot[a],
                 0.5 * (position[a, 0] + position[c, 0]),

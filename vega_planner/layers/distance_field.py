@@ -107,6 +107,13 @@ class DistanceField:
         """Measure the distance of each point to the surface [mm], shape (n,)."""
         return self.nearest(points).distances
 
+    def normals(self, faces: Ints) -> Floats:
+        """Unit normals of faces, shape (n, 3)."""
+        corners = self._vertices[self._mesh_faces[faces]]
+        cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        length = np.linalg.norm(cross, axis=1, keepdims=True)
+        return cross / np.where(length > 0, length, 1.0)
+
     def first_hits(self, starts: Floats, ends: Floats) -> tuple[Ints, Floats]:
         """Find where segments first meet the surface.
 

@@ -3,15 +3,32 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from vega_planner.datatypes import Layer, LayerStack, Part
+from vega_planner.datatypes import Bools, Floats, Ints, Layer, LayerStack, Part
 from vega_planner.errors import BadRestraint, NoLayers
-from vega_planner.layers.contour import contour_levels
+from vega_planner.layers.contour import Sheet, contour_levels
+from vega_planner.layers.core import Core, fill_core
+from vega_planner.layers.coverage import coverage_ratios
 from vega_planner.layers.distance_field import DistanceField
-from vega_planner.layers.grid import sample_part
+from vega_planner.layers.geodesic import Sources, bend_distances, is_convex_at_region
+from vega_planner.layers.grid import finish, sample_part
+from vega_planner.layers.refine import refine_sheet
+from vega_planner.parallel import map_threads
 from vega_planner.progress import Report
 from vega_planner.settings import LayerSettings
+
+#: Open share of the volume above which sharp edges are thickened.
+FILLED_RATIO = 0.004
+
+#: Length of the mean of the unit normals round a vertex below which it is on a sharp
+#: edge: about 60 degrees between the sides.
+CREASE_FLATNESS = 0.87
+
+#: Thickening of sharp edges.
+CREASE_FACTOR = 1.12
 
 
 def grid_spacing(part: Part, t: float) -> float:
@@ -47,19 +64,79 @@ def field_layers(part: Part, settings: LayerSettings, report: Report) -> LayerSt
     brr = None
     if part.restrained.any():
         brr = DistanceField(part.vertices, part.faces[part.restrained])
-    grid = sample_part(part, field, brr, grid_spacing(part, t), t / 2, t, report)
-    sheets = contour_levels(grid, field, brr, t / 2, t)
-    layers = tuple(
-        Layer(
-            index=k,
-            kind="envelope",
-            depth_mm=sheet.depth,
-            vertices=sheet.vertices,
-            faces=sheet.faces,
-            thickness=np.full(len(sheet.vertices), t),
+    grid = sample_part(part, field, grid_spacing(part, t), report)
+    sources = Sources.straight(field)
+    warnings: tuple[str, ...] = ()
+    if brr is not None and not is_convex_at_region(part):
+        sources, changed = bend_distances(part, grid, field, brr, t, report)
+        if changed > 0:
+            warnings = (
+                f"{changed:.1%} of the volume lies behind the restraint region as seen from "
+                "the surface; its layers follow the distance inside the part, not the "
+                "straight one",
+            )
+    finish(grid, sources.tri, brr, t / 2, t)
+    sheets = contour_levels(grid, sources, brr, t / 2, t)
+    sheets = map_threads(lambda sheet: refine_sheet(sheet, sources, brr), sheets)
+    core = Core.nothing(sheets, t)
+    if settings.fill_core:
+        core = fill_core(part, grid, field, brr, sheets, t)
+    layers = []
+    for k, sheet in enumerate(sheets):
+        vertices, faces, thickness = kept_faces(sheet, core.kept[k], core.thickness[k])
+        layers.append(
+            Layer(
+                index=k,
+                kind="envelope",
+                depth_mm=sheet.depth,
+                vertices=vertices,
+                faces=faces,
+                thickness=thickness,
+            )
         )
-        for k, sheet in enumerate(sheets)
+    while layers and len(layers[-1].faces) == 0:
+        layers.pop()
+    if not layers and not core.cores:
+        raise NoLayers(f"no layer of t = {t:g} mm fits into part '{part.name}'")
+    sheets_made = (*layers, *core.cores)
+    uncovered, overfill = coverage_ratios(grid, sheets_made, t, part.volume)
+    if settings.fill_core and uncovered > FILLED_RATIO:
+        sheets_made = tuple(thicker_creases(layer) for layer in sheets_made)
+        uncovered, overfill = coverage_ratios(grid, sheets_made, t, part.volume)
+    return LayerStack(
+        part=part,
+        engine="field",
+        thickness_mm=t,
+        layers=sheets_made[: len(layers)],
+        cores=sheets_made[len(layers) :],
+        uncovered_ratio=uncovered,
+        overfill_ratio=overfill,
+        warnings=warnings,
     )
-    if not layers:
-        raise NoLayers(f"no layer fits: the part is thinner than t = {t:g} mm everywhere")
-    return LayerStack(part=part, engine="field", thickness_mm=t, layers=layers)
+
+
+def thicker_creases(layer: Layer) -> Layer:
+    """Thicken a sheet along its sharp edges, so that beads reach into their corners.
+
+    The outer corner between two bands is square, a bead's side is round. An eighth more
+    thickness on the edge halves what stays open.
+    """
+    if len(layer.faces) == 0:
+        return layer
+    normals = layer.face_normals
+    spread = np.zeros((len(layer.vertices), 3))
+    count = np.zeros(len(layer.vertices))
+    for corner in range(3):
+        np.add.at(spread, layer.faces[:, corner], normals)
+        np.add.at(count, layer.faces[:, corner], 1.0)
+    flatness = np.linalg.norm(spread, axis=1) / count
+    factor = np.where(flatness < CREASE_FLATNESS, CREASE_FACTOR, 1.0)
+    return replace(layer, thickness=layer.thickness * factor)
+
+
+def kept_faces(sheet: Sheet, kept: Bools, thickness: Floats) -> tuple[Floats, Ints, Floats]:
+    """Leave out the faces of a sheet that are not kept, and the vertices only they use."""
+    if kept.all():
+        return sheet.vertices, sheet.faces, thickness
+    used, numbers = np.unique(sheet.faces[kept], return_inverse=True)
+    return sheet.vertices[used], numbers.reshape(-1, 3), thickness[used]

@@ -36,6 +36,7 @@ class Grid:
             restraint region, (n,).
         slot: Nearest triangle of S, in tree order; -1 where unknown, (n,).
         gradient: Gradient of the distance, (n, 3).
+        level: Number of levels below the distance, (n,).
     """
 
     origin: Floats
@@ -46,6 +47,10 @@ class Grid:
     slot: np.ndarray
     gradient: np.ndarray
     level: np.ndarray
+
+    def points(self, nodes: np.ndarray) -> Floats:
+        """Positions of nodes [mm], shape (n, 3)."""
+        return self.origin + self.spacing * np.stack(np.unravel_index(nodes, self.shape), axis=1)
 
     def slabs(self, count: int = SLABS) -> list[tuple[int, int]]:
         """Cut the planes i = 1 .. nx - 2 into slabs (first, last)."""
@@ -91,10 +96,7 @@ def inside_states(
 def sample_part(
     part: Part,
     field: DistanceField,
-    brr: DistanceField | None,
     h: float,
-    r0: float,
-    t: float,
     report: Report,
 ) -> Grid:
     """Measure the distance to S at every node in and around the part.
@@ -102,14 +104,11 @@ def sample_part(
     Args:
         part: The part.
         field: Distances to S.
-        brr: Distances to the restraint region, or None where there is none.
         h: Spacing [mm].
-        r0: First level [mm].
-        t: Distance between levels [mm].
         report: Progress.
 
     Returns:
-        The grid.
+        The grid, its distances unsigned and without gradients; see `finish`.
     """
     low, high = part.bounds
     # Odd offsets keep nodes off the planes that parts are made of.
@@ -117,7 +116,7 @@ def sample_part(
     nx, ny, nz = (int(n) for n in np.ceil((high - origin) / h) + 3)
     shape = (nx, ny, nz)
     state = inside_states(part.vertices, part.faces, origin, h, shape)
-    return sample_nodes(state, origin, h, shape, field, brr, r0, t, report)
+    return sample_nodes(state, origin, h, shape, field, report)
 
 
 def sample_nodes(
@@ -126,9 +125,6 @@ def sample_nodes(
     h: float,
     shape: tuple[int, int, int],
     field: DistanceField,
-    brr: DistanceField | None,
-    r0: float,
-    t: float,
     report: Report,
 ) -> Grid:
     """Measure the distance to S at the inside nodes and the ring around them."""
@@ -162,15 +158,27 @@ def sample_nodes(
         report(Progress("layers", 0.2))
         if changed == 0:
             break
-    gradient = np.zeros((count, 3), np.float32)
-    level = np.zeros(count, np.int16)
-    brr_tri = brr.tri if brr else np.zeros((0, 12))
+    gradient, level = np.zeros((count, 3), np.float32), np.zeros(count, np.int16)
+    return Grid(origin, h, shape, state, distance, slot, gradient, level)
+
+
+def finish(grid: Grid, tri: Floats, brr: DistanceField | None, r0: float, t: float) -> None:
+    """Sign the distances of a grid, and work out its gradients and levels, in place.
+
+    Args:
+        grid: Distances and nearest sources of its nodes.
+        tri: Rows of the sources.
+        brr: Distances to the restraint region, or None where there is none.
+        r0: First level [mm].
+        t: Distance between levels [mm].
+    """
+    nx, ny, nz = grid.shape
+    brr_tri = brr.tri if brr else np.zeros((0, 13))
     brr_box = brr.box if brr else np.zeros((1, 6))
     map_threads(
         lambda s: kernels.finish_nodes(
-            field.tri, brr_tri, brr_box, origin, h, state, ny, nz, *s, r0, t,
-            distance, slot, gradient, level,
+            tri, brr_tri, brr_box, grid.origin, grid.spacing, grid.state, ny, nz, *s, r0, t,
+            grid.distance, grid.slot, grid.gradient, grid.level,
         ),
-        slabs,
+        plane_slabs(nx),
     )  # fmt: skip
-    return Grid(origin, h, shape, state, distance, slot, gradient, level)

@@ -2,8 +2,9 @@
 # mypy: disable-error-code="no-untyped-def"
 """Compiled queries on a set of triangles: nearest point, first hit of a segment.
 
-A triangle set is four arrays. `tri` holds one row of 12 numbers per triangle, in the
-order of the tree: corner a, edges ab and ac, unit normal. `box` holds a balanced
+A triangle set is four arrays. `tri` holds one row of 13 numbers per triangle, in the
+order of the tree: corner a, edges ab and ac, unit normal, and a head start that is
+added to distances (0 but for the sources of `geodesic`). `box` holds a balanced
 binary tree of bounding boxes in heap order (children of i at 2i+1 and 2i+2) over
 leaves of `LEAF` consecutive triangles. `corner`, `ring_start` and `ring` list for each
 triangle its vertices and for each vertex the triangles around it.
@@ -66,7 +67,20 @@ def closest(tri, s, x, y, z):
     qx = ax + u * bx + v * cx
     qy = ay + u * by + v * cy
     qz = az + u * bz + v * cz
-    return (x - qx) ** 2 + (y - qy) ** 2 + (z - qz) ** 2, qx, qy, qz
+    d2 = (x - qx) ** 2 + (y - qy) ** 2 + (z - qz) ** 2
+    start = tri[s, 12]
+    if start > 0.0:
+        # A source with a head start acts as if it stood that much farther away.
+        e = np.sqrt(d2)
+        if e > 1e-9:
+            f = start / e
+            qx += f * (qx - x)
+            qy += f * (qy - y)
+            qz += f * (qz - z)
+        else:
+            qz -= start
+        d2 = (e + start) * (e + start)
+    return d2, qx, qy, qz
 
 
 @njit(nogil=True, cache=True)
@@ -99,7 +113,7 @@ def morton_codes(vertices, faces, low, scale):
 @njit(nogil=True, cache=True)
 def triangle_rows(vertices, faces, order):
     """Lay out the triangles in tree order: corner, two edges, unit normal."""
-    tri = np.zeros((len(order), 12))
+    tri = np.zeros((len(order), 13))
     for s in range(len(order)):
         f = order[s]
         for k in range(3):
@@ -295,6 +309,21 @@ def walk(tri, corner, ring_start, ring, s, x, y, z):
                     qx, qy, qz = a, b, e
         if s == here:
             return s, least, qx, qy, qz
+
+
+@njit(nogil=True, cache=True)
+def nearest_or_walk(tri, corner, ring_start, ring, box, x, y, z, hint, stack, lower):
+    """Find the nearest triangle to 1e-3 mm, or without a tree what walking reaches."""
+    s, d2, _, _, _ = walk(tri, corner, ring_start, ring, hint, x, y, z)
+    if len(box) == 0:
+        return s, d2
+    # Deep inside, a great many triangles are almost as near as the nearest; they are
+    # not worth the search.
+    bound = max(np.sqrt(d2) - 1e-3, 0.0)
+    q, e2 = nearest(tri, box, x, y, z, -1, bound * bound, stack, lower)
+    if q < 0:
+        return s, d2
+    return q, e2
 
 
 @njit(nogil=True, cache=True)

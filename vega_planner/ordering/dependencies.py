@@ -49,13 +49,9 @@ def find_support(
         plate_z_mm: Height of the plate.
     """
     below = samples.points - samples.thickness[:, None] * samples.normals
-    index = np.rint((below - material.origin) / material.spacing).astype(np.int64)
-    shape = np.array(material.solid.shape)
-    within = ((index >= 0) & (index < shape)).all(1)
-    i, j, k = np.clip(index, 0, shape - 1).T
-    inside = within & material.solid[i, j, k]
-    face = material.face[i, j, k]
-    under = np.where(inside & (face >= 0), owner[np.maximum(face, 0)], -1)
+    face = material.face_at(below)
+    inside = material.holds(below) & (face >= 0)
+    under = np.where(inside, owner[np.maximum(face, 0)], -1)
     grounded = below[:, 2] <= plate_z_mm + 0.75 * samples.thickness
     gap = surroundings.distance(below)
     grounded |= gap <= 0.75 * samples.thickness + 0.5 * surroundings.spacing

@@ -47,10 +47,10 @@ def settle_bodies(vertices: Floats, faces: Ints) -> tuple[Floats, Ints, list[str
         shells = [shell for shell, drop in zip(shells, debris) if not drop]
         volumes = volumes[~debris]
         faces = np.concatenate(shells)
+    if volumes.sum() < 0:
+        remarks.append("the mesh was inside out: all faces were turned")
+        shells, volumes, faces = [shell[:, ::-1] for shell in shells], -volumes, faces[:, ::-1]
     if len(shells) == 1:
-        if volumes[0] < 0:
-            faces = faces[:, ::-1]
-            remarks.append("the mesh was inside out: all faces were turned")
         return *compact(vertices, faces), remarks
     parents = _enclosing(vertices, shells, volumes)
     turned = (volumes < 0) & (parents < 0)

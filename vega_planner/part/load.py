@@ -96,9 +96,10 @@ def placed(vertices: Floats) -> Floats:
     low, high = vertices.min(0), vertices.max(0)
     anchor = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
     # What is left after one shift is rounding; shifting by it would move the last bit.
-    anchor[np.abs(anchor) <= 1e-9 * (high - low).max()] = 0.0
+    rounding = 1e-12 * (high - low).max()
+    anchor[np.abs(anchor) <= rounding] = 0.0
     shifted = vertices - anchor
-    shifted[:, 2] = np.maximum(shifted[:, 2], 0.0)
+    shifted[shifted[:, 2] <= rounding, 2] = 0.0
     return shifted
 
 

@@ -28,14 +28,15 @@ def overlap_depth(vertices: Floats, faces: Ints, axis: int = 2) -> tuple[float, 
         and the share of such stretches in all that is inside.
     """
     u, v = (axis + 1) % 3, (axis + 2) % 3
-    corners = vertices[faces]
-    flat = corners[:, :, (u, v)]
-    low = flat.min((0, 1))
-    step = float((flat.max((0, 1)) - low).max()) / RAYS
-    # Irrational offsets keep rays off vertices and edges of regular meshes.
-    origin = low - step * np.array([0.38196601, 0.23606798])
-    first = np.ceil((flat.min(1) - origin) / step).astype(np.int64)
-    last = np.floor((flat.max(1) - origin) / step).astype(np.int64)
+    flat = vertices[:, (u, v)]
+    low = flat.min(0)
+    step = float((flat.max(0) - low).max()) / RAYS
+    # Offsets of unrelated roots keep rays off the vertices and edges of regular meshes.
+    origin = low - step * np.array([0.38196601125, 0.29289321881])
+    a, b, c = (flat[faces[:, k]] for k in range(3))
+    lowest, highest = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+    first = np.ceil((lowest - origin) / step).astype(np.int64)
+    last = np.floor((highest - origin) / step).astype(np.int64)
     spans = np.maximum(last - first + 1, 0)
     many = spans[:, 0] * spans[:, 1]
     face = np.repeat(np.arange(len(faces)), many)
@@ -43,7 +44,7 @@ def overlap_depth(vertices: Floats, faces: Ints, axis: int = 2) -> tuple[float, 
     i = first[face, 0] + rank // spans[face, 1]
     j = first[face, 1] + rank % spans[face, 1]
     x, y = origin[0] + i * step, origin[1] + j * step
-    a, b, c = (flat[face, k] for k in range(3))
+    a, b, c = a[face], b[face], c[face]
     wa = (b[:, 0] - x) * (c[:, 1] - y) - (b[:, 1] - y) * (c[:, 0] - x)
     wb = (c[:, 0] - x) * (a[:, 1] - y) - (c[:, 1] - y) * (a[:, 0] - x)
     wc = (a[:, 0] - x) * (b[:, 1] - y) - (a[:, 1] - y) * (b[:, 0] - x)
@@ -51,11 +52,16 @@ def overlap_depth(vertices: Floats, faces: Ints, axis: int = 2) -> tuple[float, 
     hit = up | ((wa < 0) & (wb < 0) & (wc < 0))
     face, wa, wb, wc, up = face[hit], wa[hit], wb[hit], wc[hit], up[hit]
     ray = (i * (2 * RAYS + 8) + j)[hit]
-    depth = corners[face, :, axis]
+    depth = vertices[faces[face], axis]
     height = (wa * depth[:, 0] + wb * depth[:, 1] + wc * depth[:, 2]) / (wa + wb + wc)
     order = np.lexsort((height, ray))
     ray, height = ray[order], height[order]
-    turns = np.cumsum(np.where(up[order], -1, 1))  # entering through a face that looks down
+    sign = np.where(up[order], -1, 1)  # entering through a face that looks down
+    starts = np.flatnonzero(np.diff(ray, prepend=-1))
+    # A ray that met an edge after all misses a crossing; it is left out.
+    sound = np.add.reduceat(sign, starts) == 0 if len(starts) else starts == 0
+    kept = np.repeat(sound, np.diff(starts, append=len(ray)))
+    ray, height, turns = ray[kept], height[kept], np.cumsum(sign[kept])
     length = np.where(np.diff(ray) == 0, np.diff(height), 0.0)
     wrong = (turns[:-1] < 0) | (turns[:-1] > 1)
     inside = float(length[turns[:-1] != 0].sum())

@@ -8,14 +8,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 from urllib.parse import unquote, urlsplit
 
 import numpy as np
 
 from vega_planner.datatypes import Floats, Ints
 from vega_planner.errors import BadMesh
+from vega_planner.units import m_to_mm
 
 FORMATS = ("stl", "obj", "ply", "3mf", "off", "step", "stp")
+
+#: Meshing of STEP's curved faces: 0.01 mm is a hundredth of a bead; the angle [rad]
+#: keeps small fillets round.
+STEP_MESHING: dict[str, Any] = {"tol_linear": 0.01, "tol_angular": 0.2}
 
 
 @dataclass(frozen=True)
@@ -172,14 +178,19 @@ def _read_with_trimesh(data: bytes, ending: str) -> tuple[Floats, Ints, str]:
     import trimesh
 
     logging.getLogger("trimesh").setLevel(logging.CRITICAL)
-    kind = {"stp": "step"}.get(ending, ending)
-    scene = trimesh.load_scene(io.BytesIO(data), file_type=kind, process=False)
+    is_step = ending in ("step", "stp")
+    options: dict[str, Any] = STEP_MESHING if is_step else {}
+    scene = trimesh.load_scene(
+        io.BytesIO(data), file_type="step" if is_step else ending, process=False, **options
+    )
     meshes = [m for m in scene.dump() if isinstance(m, trimesh.Trimesh) and len(m.faces)]
     if not meshes:
         raise BadMesh("it holds no triangle")
     offsets = np.cumsum([0] + [len(m.vertices) for m in meshes[:-1]])
     vertices = np.vstack([np.array(m.vertices, dtype=np.float64) for m in meshes])
     faces = np.vstack([np.array(m.faces, dtype=np.int64) + o for m, o in zip(meshes, offsets)])
+    if is_step:  # comes as metres, whatever unit the file has
+        return m_to_mm(vertices), faces, "mm"
     return vertices, faces, str(scene.units or "")
 
 

@@ -24,7 +24,8 @@ def smooth_pairs(mesh: TriangleGeometry, angle_deg: float) -> Ints:
     pairs, _, _ = face_pairs(mesh.faces)
     first, second = mesh.face_normals[pairs[:, 0]], mesh.face_normals[pairs[:, 1]]
     bend = np.einsum("ij,ij->i", first, second)
-    flat = (mesh.face_areas[pairs] <= 0).any(1)
+    flat = mesh.face_areas <= 0
+    flat = flat[pairs[:, 0]] | flat[pairs[:, 1]]
     return pairs[(bend >= np.cos(np.radians(angle_deg)) - 1e-9) | flat]
 
 

@@ -20,6 +20,11 @@ from vega_planner.progress import Progress, Report
 
 #: Number of grid points aimed at; a second or two of work.
 GRID_POINTS = 400_000
+#: Points asked between two reports.
+SLICE = 8192
+#: Grid spacings from the surface within which every point is asked: a coarse neighbour
+#: is √3 away, and the level set looks one further.
+NEAR = 4.0
 #: No finer grid than this [mm]: half a bead's error is not worth more.
 FINEST_MM = 0.25
 #: Winding numbers between these leave open what is inside.
@@ -67,17 +72,9 @@ def remesh(vertices: Floats, faces: Ints, report: Report) -> Remeshed:
     low, high = used.min(0), used.max(0)
     spacing = max(FINEST_MM, float(np.prod(high - low + 2) / GRID_POINTS) ** (1 / 3))
     low, high = low - 2.5 * spacing, high + 2.5 * spacing
-    shape = np.ceil((high - low) / spacing).astype(np.int64) + 1
-    axes = [low[k] + spacing * np.arange(shape[k]) for k in range(3)]
+    shape = 2 * np.ceil((high - low) / spacing / 2).astype(np.int64)
     tree = TriangleTree(vertices, faces)
-    signed = np.empty(shape)
-    turns = np.empty(shape)
-    plane = np.stack(np.meshgrid(axes[1], axes[2], indexing="ij"), axis=-1).reshape(-1, 2)
-    for i, x in enumerate(axes[0]):
-        points = np.column_stack([np.full(len(plane), x), plane])
-        turns[i] = tree.winding_numbers(points).reshape(shape[1:])
-        signed[i] = tree.distances(points).reshape(shape[1:])
-        report(Progress("part", 0.2 + 0.4 * i / shape[0], detail="remeshing"))
+    turns, signed = _sampled(tree, low, spacing, shape, report)
     if turns.sum() < 0:
         turns = -turns
     inside, doubt = turns > 0.5, (turns > DOUBTFUL[0]) & (turns < DOUBTFUL[1])
@@ -103,6 +100,36 @@ def remesh(vertices: Floats, faces: Ints, report: Report) -> Remeshed:
     new_vertices, new_faces, _ = from_solid(solid)
     moved = _movement(vertices, faces, tree, new_vertices, new_faces)
     return Remeshed(new_vertices, new_faces, spacing, float(moved.mean()), float(moved.max()))
+
+
+def _sampled(
+    tree: TriangleTree, low: Floats, spacing: float, shape: Ints, report: Report
+) -> tuple[Floats, Floats]:
+    """Sample winding numbers and distances on a grid, finely only near the surface.
+
+    Every second point is asked first. A point that is farther from the surface than its
+    coarse neighbour is from it lies on the same side and takes that one's answer.
+    """
+    coarse = _asked(tree, low, 2 * spacing, np.argwhere(np.ones(shape // 2)), report, 0.2)
+    turns, distances = (
+        np.repeat(np.repeat(np.repeat(values.reshape(shape // 2), 2, 0), 2, 1), 2, 2)
+        for values in coarse
+    )
+    near = distances < NEAR * spacing
+    turns[near], distances[near] = _asked(tree, low, spacing, np.argwhere(near), report, 0.3)
+    return turns, distances
+
+
+def _asked(
+    tree: TriangleTree, low: Floats, spacing: float, nodes: Ints, report: Report, start: float
+) -> tuple[Floats, Floats]:
+    turns, distances = np.empty(len(nodes)), np.empty(len(nodes))
+    for begin in range(0, len(nodes), SLICE):
+        part = slice(begin, begin + SLICE)
+        points = low + spacing * nodes[part]
+        turns[part], distances[part] = tree.winding_numbers(points), tree.distances(points)
+        report(Progress("part", start + 0.1 * begin / len(nodes), detail="remeshing"))
+    return turns, distances
 
 
 def _movement(

@@ -29,6 +29,9 @@ from vega_planner.progress import Progress, Report, silent
 WELD_SHARE = 1e-5
 #: Triangles lower than this share of the part's size have no usable normal.
 SLIVER_SHARE = 1e-7
+#: Holes of more than this share of the surface are no holes: the surface is loose
+#: triangles, or open, and only winding numbers can tell what it means.
+MOST_FILLED = 0.75
 #: Overlaps no deeper than this [mm], or than a thousandth of the inside, do no harm.
 HARMLESS_MM = 0.1
 HARMLESS_SHARE = 1e-3
@@ -110,7 +113,10 @@ def _closed(
     filling = fill_holes(vertices, faces)
     filled = np.concatenate([faces, filling.faces])
     report(Progress("part", 0.4))
-    if filling.holes and (is_closed_surface(filled) or _unpinched(vertices, filled) is not None):
+    area = 0.5 * float(np.sqrt(_length2(face_cross(vertices, faces))).sum())
+    if filling.area_mm2 <= MOST_FILLED * area and (
+        is_closed_surface(filled) or _unpinched(vertices, filled) is not None
+    ):
         remarks.append(
             f"{filling.holes} hole(s) were filled with {filling.area_mm2:.4g} mm² of surface, "
             f"the widest {filling.widest_mm:.4g} mm"
@@ -147,7 +153,7 @@ def _unpinched(vertices: Floats, faces: Ints) -> tuple[Floats, Ints] | None:
 
 def _settled(vertices: Floats, faces: Ints, remarks: list[str]) -> tuple[Floats, Ints]:
     """Turn a single body outward; let several be sorted out."""
-    if (body_labels(faces) == 0).all() and enclosed_volume(vertices, faces) > 0:
+    if not body_labels(faces).any():
         size = float(np.ptp(vertices, axis=0).max())
         if enclosed_volume(vertices, faces) > 1e-12 * size**3:
             return vertices, faces
@@ -161,9 +167,9 @@ def _settled(vertices: Floats, faces: Ints, remarks: list[str]) -> tuple[Floats,
 def _without_slivers(vertices: Floats, faces: Ints, remarks: list[str]) -> tuple[Floats, Ints]:
     """Collapse triangles that have no height."""
     tolerance = SLIVER_SHARE * float(np.ptp(vertices, axis=0).max())
-    corners = vertices[faces]
-    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(1)
-    flat = np.linalg.norm(face_cross(vertices, faces), axis=1) <= tolerance * longest
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    longest2 = np.maximum(np.maximum(_length2(b - a), _length2(c - b)), _length2(a - c))
+    flat = _length2(np.cross(b - a, c - a)) <= tolerance**2 * longest2
     if not flat.any():
         return vertices, faces
     from vega_planner.part.solid import checked, from_solid, to_solid
@@ -177,6 +183,10 @@ def _without_slivers(vertices: Floats, faces: Ints, remarks: list[str]) -> tuple
         f"{10 * tolerance:.2g} mm"
     )
     return new_vertices, new_faces
+
+
+def _length2(vectors: Floats) -> Floats:
+    return np.einsum("ij,ij->i", vectors, vectors)
 
 
 def _remeshed(

@@ -16,19 +16,15 @@ import numpy as np
 from vega_planner.datatypes import Bools, Floats, TriangleGeometry
 from vega_planner.errors import BadRestraint
 from vega_planner.part.automatic import propose_restraint
-from vega_planner.part.regions import grow_region, smooth_regions, squared_distances
+from vega_planner.part.regions import smooth_regions, squared_distances
+from vega_planner.part.standing import standing_faces
+from vega_planner.part.topology import body_labels, compact, enclosed_volume
 from vega_planner.settings import PartSettings
 
 SPECS = (
     "none, auto, down, normal:X,Y,Z[:DEG], point:X,Y,Z (region round the nearest face), "
     "faces:FILE (face indices of part.ply), not:SPEC"
 )
-
-#: Faces whose corners are all this near z = 0 [mm] rest on the plate: a tenth of a
-#: common dispensing standoff, above the noise of meshes stored in single precision.
-RESTING_MM = 0.02
-#: How far a resting face may lean [deg]; long thin slivers of flat bases do.
-RESTING_ANGLE_DEG = 5.0
 
 
 def choose_restraint(
@@ -57,7 +53,25 @@ def choose_restraint(
             f"restraint {' '.join(specs)} selects the whole surface ({len(chosen)} faces); "
             "at least one face must stay free to be enveloped"
         )
-    return chosen, remarks
+    return chosen, remarks + _unreached(mesh, chosen)
+
+
+def _unreached(mesh: TriangleGeometry, chosen: Bools) -> list[str]:
+    """Tell of bodies restrained all over: no layer starts from them."""
+    if not chosen.any():
+        return []
+    labels = body_labels(mesh.faces)
+    free = np.zeros(len(mesh.faces), dtype=bool)
+    free[labels[~chosen]] = True
+    shut = [name for name in np.unique(labels) if not free[name]]
+    volumes = [enclosed_volume(*compact(mesh.vertices, mesh.faces[labels == n])) for n in shut]
+    lost = [volume for volume in volumes if volume > 0]
+    if not lost:
+        return []
+    return [
+        f"{len(lost)} body(ies) of {sum(lost):.4g} mm³ are restrained all over: layers reach "
+        "them from a free cavity only, if they have one"
+    ]
 
 
 def _select(
@@ -91,30 +105,6 @@ def _select(
     if not faces.any():
         raise BadRestraint(f"restraint '{spec}' selects no face: {advice}")
     return faces
-
-
-def standing_faces(mesh: TriangleGeometry, settings: PartSettings) -> Bools:
-    """Find what the part stands on.
-
-    That is its flat faces on z = 0; where it has none, the smooth region round its
-    lowest points as far as it looks down within θ_edge.
-
-    Args:
-        mesh: Closed, oriented mesh placed on z = 0.
-        settings: For θ_edge and the angle of smooth regions.
-
-    Returns:
-        True for the faces, shape (m,); none when the part stands on a sharp edge.
-    """
-    heights = mesh.vertices[mesh.faces][:, :, 2]
-    down = -mesh.face_normals[:, 2]
-    resting = (heights.max(1) <= RESTING_MM) & (down >= np.cos(np.radians(RESTING_ANGLE_DEG)))
-    if mesh.face_areas[resting].sum() >= RESTING_MM:
-        return resting
-    allowed = down >= np.cos(np.radians(settings.edge_angle_deg))
-    return grow_region(
-        mesh, heights.min(1) <= RESTING_MM, allowed, max(settings.smooth_angle_deg, 1e-3)
-    )
 
 
 def _facing(mesh: TriangleGeometry, spec: str, rest: str, default_deg: float) -> Bools:

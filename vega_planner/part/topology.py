@@ -45,15 +45,21 @@ def directed_edges(faces: Ints) -> Ints:
     return np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2)
 
 
+def _edge_keys(faces: Ints) -> tuple[Ints, Bools]:
+    """Number the undirected edge of each directed edge, and tell if it runs downwards."""
+    count = int(faces.max()) + 1 if len(faces) else 1
+    start, end = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
+    return np.minimum(start, end) * count + np.maximum(start, end), start > end
+
+
 def is_closed_surface(faces: Ints) -> bool:
     """Tell whether each directed edge occurs once, and once in the other direction."""
-    if len(faces) == 0:
+    if len(faces) == 0 or len(faces) % 2:
         return False
-    count = int(faces.max()) + 1
-    edges = directed_edges(faces)
-    forward = np.sort(edges[:, 0] * count + edges[:, 1])
-    backward = np.sort(edges[:, 1] * count + edges[:, 0])
-    return bool((forward == backward).all() and (np.diff(forward) > 0).all())
+    keys, downwards = _edge_keys(faces)
+    keys = np.sort(2 * keys + downwards)
+    up, down = keys[::2], keys[1::2]
+    return bool(((up & 1) == 0).all() and (down == up + 1).all() and (np.diff(up) > 0).all())
 
 
 def edge_uses(faces: Ints) -> tuple[Ints, Ints, Ints]:
@@ -66,9 +72,7 @@ def edge_uses(faces: Ints) -> tuple[Ints, Ints, Ints]:
         The order of the directed edges, shape (3 m,); the start of each undirected
         edge in that order, shape (e,); and its number of uses, shape (e,).
     """
-    edges = directed_edges(faces)
-    count = int(faces.max()) + 1 if len(faces) else 1
-    keys = edges.min(1) * count + edges.max(1)
+    keys, _ = _edge_keys(faces)
     order = np.argsort(keys, kind="stable")
     starts = np.flatnonzero(np.diff(keys[order], prepend=-1))
     return order, starts, np.diff(starts, append=len(keys))
@@ -118,15 +122,14 @@ def connected_labels(count: int, pairs: Ints) -> Ints:
         For each node the smallest index of its component, shape (count,).
     """
     labels = np.arange(count)
-    pairs = pairs[pairs[:, 0] != pairs[:, 1]]
-    while len(pairs):
-        ends = labels[pairs]
-        low, high = ends.min(1), ends.max(1)
-        apart = low != high
+    first, second = pairs[:, 0], pairs[:, 1]
+    while True:
+        a, b = labels[first], labels[second]
+        apart = a != b
         if not apart.any():
             break
-        pairs = pairs[apart]
-        np.minimum.at(labels, high[apart], low[apart])
+        first, second, a, b = first[apart], second[apart], a[apart], b[apart]
+        np.minimum.at(labels, np.maximum(a, b), np.minimum(a, b))
         while True:
             further = labels[labels]
             if (further == labels).all():
@@ -144,11 +147,11 @@ def body_labels(faces: Ints) -> Ints:
     Returns:
         For each face the smallest face index of its piece, shape (m,).
     """
-    order, _, _ = edge_uses(faces)
-    edges = directed_edges(faces)[order]
-    same = (np.sort(edges[1:], axis=1) == np.sort(edges[:-1], axis=1)).all(1)
+    order, starts, _ = edge_uses(faces)
+    same = np.ones(len(order), dtype=bool)
+    same[starts] = False
     owner = order // 3
-    return connected_labels(len(faces), np.stack([owner[:-1], owner[1:]], axis=1)[same])
+    return connected_labels(len(faces), np.stack([owner[:-1], owner[1:]], axis=1)[same[1:]])
 
 
 def enclosed_volume(vertices: Floats, faces: Ints) -> float:

@@ -15,7 +15,7 @@ from vega_planner.part.morton import morton_order
 #: A node counts as far beyond this many of its radii; errors stay below 0.05 turns.
 FAR = 2.0
 #: Points answered by one call of a kernel.
-CHUNK = 16384
+CHUNK = 4096
 
 
 class TriangleTree:

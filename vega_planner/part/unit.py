@@ -7,16 +7,12 @@ from vega_planner.errors import BadMesh
 
 #: Millimetres per unit, by the names that settings and 3MF files use.
 MM_PER = {
-    "mm": 1.0,
-    "millimeter": 1.0,
-    "millimeters": 1.0,
-    "cm": 10.0,
-    "centimeter": 10.0,
-    "m": 1000.0,
-    "meter": 1000.0,
-    "inch": 25.4,
-    "foot": 304.8,
-    "micron": 1e-3,
+    **dict.fromkeys(("mm", "millimeter", "millimeters"), 1.0),
+    **dict.fromkeys(("cm", "centimeter", "centimeters"), 10.0),
+    **dict.fromkeys(("m", "meter", "meters"), 1000.0),
+    **dict.fromkeys(("inch", "inches"), 25.4),
+    **dict.fromkeys(("foot", "feet"), 304.8),
+    **dict.fromkeys(("micron", "microns"), 1e-3),
 }
 
 #: Nothing that a bead of a millimetre can make is smaller [mm].

@@ -50,7 +50,8 @@ def _unique_rows(points: Floats) -> tuple[Ints, Ints]:
     """Number equal rows: index of the first of each kind, and the kind of each row."""
     bits = points.view(np.uint64) * _SPREAD
     bits ^= bits >> np.uint64(29)
-    keys = (bits * _SPREAD[::-1]).sum(1)
+    bits *= _SPREAD[::-1]
+    keys = bits[:, 0] + bits[:, 1] + bits[:, 2]
     _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
     if (points[first][inverse] != points).any():  # two places share a key: compare in full
         _, first, inverse = np.unique(points, axis=0, return_index=True, return_inverse=True)

@@ -25,9 +25,11 @@ from vega_planner.datatypes import (
     PrintabilityReport,
 )
 from vega_planner.parallel import map_threads
+from vega_planner.printability.islands import neighbours_of, without_islands
 from vega_planner.printability.line_of_sight import Occluder
 from vega_planner.printability.material import EMPTY, DistanceField, Material, mesh_field
-from vega_planner.printability.orientation import orient, raise_until_clear, tilt_of, tilted
+from vega_planner.printability.mesh_kernels import components
+from vega_planner.printability.orientation import orient, tilt_of
 from vega_planner.printability.reasons import reasons_of
 from vega_planner.printability.tool_shape import ToolShape
 from vega_planner.progress import Progress, Report
@@ -42,11 +44,18 @@ OUTSIDE, INSIDE, NEITHER = 1, -1, 0
 #: what the tool stands on.
 OWN_LAYER_MM = 6.0
 
+#: Regions smaller than this many squared layer thicknesses are noise of the labels.
+ISLAND = 9.0
+
 #: Bead width over layer thickness, where only the layer is known; the paper's.
 WIDTH_RATIO = 1.5
 
-#: Downward share of the normal from which on a face counts as facing down.
-FACES_DOWN = 0.03
+#: Downward share of the normal from which on a face lies on the substrate or the layer
+#: under it, and from which on it lies on the plate. (The foot of a leaning wall does not.)
+FACES_DOWN, LIES_ON_PLATE = 0.03, 0.5
+
+#: Finest spacing of the grids that hold what is there [mm].
+FINEST_MM = 0.65
 
 #: Sheets judged between two reports of progress.
 AT_ONCE = 8
@@ -102,12 +111,15 @@ class Assessment:
 
     Attributes:
         report: The outcome by area.
+        layers: The sheets as they were judged: those of the stack, cores turned so that
+            they face up.
         sheets: One judgement per sheet of the stack.
         surroundings: Distance field of the substrate; empty without one.
         material: The part's material by sheet.
     """
 
     report: PrintabilityReport
+    layers: tuple[Layer, ...]
     sheets: tuple[SheetAssessment, ...]
     surroundings: DistanceField
     material: Material
@@ -115,7 +127,7 @@ class Assessment:
 
 def stage_height(stack: LayerStack) -> float:
     """Choose the finest grid spacing that matches the layers' thickness [mm]."""
-    return float(min(0.8, stack.thickness_mm))
+    return float(min(FINEST_MM, stack.thickness_mm))
 
 
 def printed_before(stack: LayerStack, sheet: int) -> Bools:
@@ -127,6 +139,19 @@ def printed_before(stack: LayerStack, sheet: int) -> Bools:
     if stack.sheets[sheet].kind == "planar":
         return index < sheet
     return index > sheet
+
+
+def with_upright_cores(stack: LayerStack) -> LayerStack:
+    """Turn the pieces of core sheets that face down over: a core has no outer side."""
+    cores = []
+    for core in stack.cores:
+        piece = np.empty(len(core.faces), np.int64)
+        count = components(len(core.vertices), core.faces, piece)
+        down = np.bincount(piece, core.face_normals[:, 2] * core.face_areas, count) < 0
+        faces = core.faces.copy()
+        faces[down[piece]] = faces[down[piece], ::-1]
+        cores.append(replace(core, faces=faces))
+    return replace(stack, cores=tuple(cores))
 
 
 def assess_printability(
@@ -146,6 +171,7 @@ def assess_printability(
     Source:
         VEGA paper, section II, F_p = f1 and f2; the solid check f2s is added here.
     """
+    stack = with_upright_cores(stack)
     sheets = stack.sheets
     tool = ToolShape.of(cell.tool)
     bulk = ToolShape.of(cell.tool, OWN_LAYER_MM)
@@ -157,83 +183,62 @@ def assess_printability(
     stages = [printed_before(stack, sheet) for sheet in range(len(sheets))]
     material.prepare(stages)
 
-    def judge(sheet: int) -> Side:
-        layer = sheets[sheet]
-        before = stages[sheet]
-        fields = [(surroundings, tool, "substrate")]
-        if before.any():
-            fields.append((material.field_of(before), tool, "printed_part"))
+    def judge(sheet: int, bowl: DistanceField = EMPTY, closed: Ints | None = None) -> Side:
+        layer, before = sheets[sheet], stages[sheet]
         own = before.copy()
         own[sheet] = True
-        fields.append((material.field_of(own), bulk, "own_layer"))
-        return judge_side(layer, layer.vertex_normals, fields, cell, settings)
+        fields = [
+            (surroundings, tool, "substrate"),
+            (material.field_of(before), tool, "printed_part"),
+            (bowl, tool, "printed_part"),
+            (material.field_of(own), bulk, "own_layer"),
+        ]
+        return judge_side(layer, layer.vertex_normals, fields, cell, settings, closed)
 
     outside: list[Side] = []
-    for first in range(0, len(sheets), AT_ONCE):
-        outside += map_threads(judge, range(first, min(first + AT_ONCE, len(sheets))))
-        report(Progress("printability", 0.2 + 0.5 * len(outside) / len(sheets)))
+    if not any(_held_from_below(x, EMPTY, surroundings, cell).any() for x in sheets):
+        # nothing lies on anything with its outer side: the sheets do not touch each other
+        for first in range(0, len(sheets), AT_ONCE):
+            outside += map_threads(judge, range(first, min(first + AT_ONCE, len(sheets))))
+            report(Progress("printability", 0.2 + 0.5 * len(outside) / len(sheets)))
     # what is laid from inside: filled from the outermost layer inwards
     laid = np.zeros(material.first[-1], np.bool_)
     judged = []
     for number, layer in enumerate(sheets):
-        side_out, inner = outside[number], None
         bowl = material.field_of_faces(laid) if laid.any() else EMPTY
-        if bowl is not EMPTY:
-            # outer layers laid from inside stand there before the outer side of this one
-            side_out = _beside(layer, side_out, bowl, tool, settings)
         held = _held_from_below(layer, bowl, surroundings, cell)
-        label = _face_labels(layer, side_out, None, held)
+        if outside and bowl is EMPTY:
+            side_out = outside[number]
+        else:
+            # outer layers laid from inside stand there before the outer side of this one
+            side_out = judge(number, bowl, _covered(layer, held, bowl, surroundings))
+        label, inner = _face_labels(layer, side_out, None, held), None
         if (label == NEITHER).any() or held.any():
             fields = [(surroundings, tool, "substrate"), (bowl, tool, "printed_part")]
-            inner = judge_side(layer, -layer.vertex_normals, fields, cell, settings, see=False)
+            unused = np.where(side_out.printable & ~held, _CODE["own_layer"], 0)
+            inner = judge_side(
+                layer, -layer.vertex_normals, fields, cell, settings, unused, see=False
+            )
             label = _face_labels(layer, side_out, inner, held)
+        label = _without_noise(layer, label)
         laid[material.first[number] : material.first[number + 1]] = label == INSIDE
         judged.append(SheetAssessment(side_out, inner, label))
         report(Progress("printability", 0.7 + 0.3 * (number + 1) / len(sheets)))
     summary = _summarise(stack, judged, cell, settings)
-    return Assessment(summary, tuple(judged), surroundings, material)
+    return Assessment(summary, sheets, tuple(judged), surroundings, material)
 
 
-def _beside(
-    layer: Layer,
-    side: Side,
-    bowl: DistanceField,
-    tool: ToolShape,
-    settings: PrintabilitySettings,
-) -> Side:
-    """Judge a side again where outer layers, laid from inside, come close to its tool.
+def _covered(layer: Layer, held: Bools, bowl: DistanceField, surroundings: DistanceField) -> Ints:
+    """Reason code of the vertices on whose outer side something lies, 0 elsewhere.
 
     Where the next layer out is there already, no tip fits in, however it is turned.
     """
-    open_ = side.code == 0
+    code = np.where(held, _CODE["plate"], 0)
     outward = layer.vertices + layer.thickness[:, None] * layer.vertex_normals
-    covered = open_ & (bowl.distance(outward) < 0.25 * layer.thickness)
-    gap = np.full(len(open_), np.inf)
-    todo = np.flatnonzero(open_ & ~covered)
-    gap[todo] = bowl.clearance(
-        tool, layer.vertices[todo], side.axes[todo], settings.clearance_mm + 0.3
-    )
-    hit = gap < settings.clearance_mm
-    if not (hit | covered).any():
-        return side
-    axes, code, clear = side.axes.copy(), side.code.copy(), side.clear.copy()
-    code[covered] = _CODE["printed_part"]
-    clear[covered] = False
-    index = np.flatnonzero(hit)
-    normals = layer.vertex_normals[index]
-    if settings.orientation == "collision-free":
-        tilt, found = raise_until_clear(
-            layer.vertices[index],
-            normals,
-            tilt_of(side.axes[index]),
-            lambda _, tips, axes: bowl.clearance(tool, tips, axes, settings.clearance_mm + 0.3),
-            settings.clearance_mm,
-        )
-        axes[index[found]] = tilted(normals[found], tilt[found])
-        index = index[~found]
-    code[index] = _CODE["printed_part"]
-    clear[index] = False
-    return replace(side, axes=axes, code=code, clear=clear)
+    for field, name in ((surroundings, "substrate"), (bowl, "printed_part")):
+        if field is not EMPTY:
+            code[field.distance(outward) < 0.25 * layer.thickness] = _CODE[name]
+    return code
 
 
 def judge_side(
@@ -242,6 +247,7 @@ def judge_side(
     fields: list[tuple[DistanceField, ToolShape, str]],
     cell: Workcell,
     settings: PrintabilitySettings,
+    closed: Ints | None = None,
     see: bool = True,
 ) -> Side:
     """Apply f1, f2 and f2s to one side of a sheet.
@@ -253,18 +259,27 @@ def judge_side(
             reason code where it is hit.
         cell: Robot, tool and placement.
         settings: Policy and limits.
+        closed: Reason code of vertices that something touches on this side, 0 elsewhere,
+            shape (n,); no tool is tried there.
         see: Whether to apply f2 against the layer itself.
     """
     points = layer.vertices
     shape = fields[0][1]
+    if closed is None:
+        closed = np.zeros(len(points), np.int64)
+    wanted = settings.clearance_mm
 
     def clearance(index: Ints, tips: Floats, axes: Floats) -> Floats:
-        gap = np.full(len(tips), np.inf)
+        gap = np.where(closed[index] > 0, -np.inf, np.inf)
+        todo = np.flatnonzero(gap > 0)
         for field, tool, _ in fields:
-            gap = np.minimum(gap, field.clearance(tool, tips, axes, settings.clearance_mm + 0.3))
+            if field is not EMPTY and len(todo):
+                gap[todo] = field.clearance(tool, tips[todo], axes[todo], wanted, wanted)
+                todo = todo[gap[todo] >= wanted]
         return gap
 
-    limit = plate_tilt_limit(points, normals, layer.thickness, shape, cell, settings.clearance_mm)
+    limit = plate_tilt_limit(points, normals, layer.thickness, shape, cell, wanted)
+    limit[closed > 0] = -1.0
     oriented = orient(points, layer.faces, normals, limit, clearance, settings)
     axes = oriented.axes
     code = np.zeros(len(points), np.int64)
@@ -272,13 +287,16 @@ def judge_side(
     reachable = reach == 0
     seen = np.ones(len(points), np.bool_)
     if see:
-        seen = ~Occluder(layer).blocks(points, axes)
+        # half the bead is the layer itself: the line counts from its surface on
+        offset = 0.5 * float(np.median(layer.thickness))
+        seen = ~Occluder(layer).blocks(points, axes, offset)
     if not oriented.clear.all():
         missed = np.flatnonzero(~oriented.clear)
         code[missed] = _CODE["plate"]
         for field, tool, name in fields:
-            gap = field.clearance(tool, points[missed], axes[missed], settings.clearance_mm + 0.3)
-            code[missed[gap < settings.clearance_mm]] = _CODE[name]
+            gap = field.clearance(tool, points[missed], axes[missed], wanted, wanted)
+            code[missed[gap < wanted]] = _CODE[name]
+        code[closed > 0] = closed[closed > 0]
     code[~seen] = _CODE["own_layer"]
     lean = np.einsum("ij,ij->i", axes, normals) < np.cos(np.radians(settings.max_lean_deg)) - 1e-9
     steep = tilt_of(normals) > np.radians(90 + settings.max_overhang_deg) + 1e-9
@@ -332,7 +350,10 @@ def _held_from_below(
     thickness = layer.thickness[index]
     under = layer.vertices[index] + thickness[:, None] * layer.vertex_normals[index]
     held[index] = (
-        (under[:, 2] <= cell.placement.plate_z_mm)
+        (
+            (under[:, 2] <= cell.placement.plate_z_mm)
+            & (layer.vertex_normals[index, 2] < -LIES_ON_PLATE)
+        )
         | (surroundings.distance(under) < 0.25 * thickness)
         | (bowl.distance(under) < 0.25 * thickness)
     )
@@ -354,6 +375,14 @@ def _face_labels(layer: Layer, outside: Side, inside: Side | None, held: Bools) 
     return label
 
 
+def _without_noise(layer: Layer, label: Ints) -> Ints:
+    """Give regions too small for a few beads the side of what surrounds them."""
+    if (label == label[0]).all():
+        return label
+    island = ISLAND * float(np.median(layer.thickness)) ** 2
+    return without_islands(neighbours_of(layer), layer.face_areas, label, island)
+
+
 def _summarise(
     stack: LayerStack,
     judged: list[SheetAssessment],
@@ -371,12 +400,18 @@ def _summarise(
         access += _area_where(area, faces, sheet.outside.seen | _used(layer, sheet, INSIDE))
         clear += _area_where(area, faces, np.any([s.clear for s in sides], axis=0))
         printable += float(area[sheet.side != NEITHER].sum())
-        split += len(np.unique(sheet.side[sheet.side != NEITHER])) > 1
+        if layer.kind != "core":
+            split += len(np.unique(sheet.side[sheet.side != NEITHER])) > 1
         code = np.zeros(len(faces), np.int64)
         bad = np.flatnonzero(sheet.side == NEITHER)
         code[bad] = sheet.outside.code[faces[bad]].max(1)
         codes.append(code)
-    whole = all((sheet.side == OUTSIDE).all() for sheet in judged)
+    # what fills the core has no outer side and is printed from wherever it can be
+    whole = all(
+        (sheet.side == OUTSIDE).all()
+        for layer, sheet in zip(stack.sheets, judged)
+        if layer.kind != "core"
+    )
     total = max(total, 1e-300)
     status = "fully" if whole else "conditionally"
     if printable < (1 - NEGLIGIBLE_RATIO) * total:

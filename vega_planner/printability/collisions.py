@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -12,8 +12,9 @@ import numpy as np
 from vega_planner.datatypes import Bools, Floats, Ints, LayerStack, Patch, ToolpathSet
 from vega_planner.parallel import map_threads
 from vega_planner.printability import bead_kernels
+from vega_planner.printability.assessment import stage_height
 from vega_planner.printability.certificate import certificate
-from vega_planner.printability.material import DistanceField, grid_for, mesh_field
+from vega_planner.printability.material import EMPTY, DistanceField, grid_for, mesh_field
 from vega_planner.printability.tool_shape import STEP_MM, ToolShape
 from vega_planner.progress import Progress, Report
 from vega_planner.settings import PrintabilitySettings
@@ -107,7 +108,7 @@ def check_toolpaths(
     del patches
     way = _waypoints(toolpaths)
     near, whole = ToolShape.of(cell.tool), ToolShape.of(cell.tool, 0.0)
-    finest = float(min(0.8, stack.thickness_mm))
+    finest = stage_height(stack)
     gap = near.height_above(way.points, way.axes) - cell.placement.plate_z_mm
     name = np.where(gap < 0, "plate", "").astype(object)
     if cell.substrate is not None:
@@ -196,6 +197,55 @@ class _Beads:
         if not solid.any():
             return None
         return DistanceField.of(solid, self.origin, self.spacing)
+
+
+class Surroundings:
+    """What is there at any moment of a print, for trying other tool poses.
+
+    Args:
+        toolpaths: Passes and travel.
+        stack: The layers.
+        cell: Tool, placement and substrate.
+    """
+
+    def __init__(self, toolpaths: ToolpathSet, stack: LayerStack, cell: Workcell) -> None:
+        self._way = _waypoints(toolpaths)
+        self._near = ToolShape.of(cell.tool)
+        self._whole = ToolShape.of(cell.tool, 0.0)
+        self._plate = cell.placement.plate_z_mm
+        finest = stage_height(stack)
+        self._fixed = EMPTY if cell.substrate is None else mesh_field(cell.substrate, finest)
+        self._beads = _Beads(toolpaths, self._way, finest)
+        starts = np.flatnonzero(np.diff(self._way.path, prepend=np.iinfo(np.int64).min))
+        self._first = {int(self._way.path[k]): int(k) for k in starts}
+
+    def first_of(self, path: int) -> int:
+        """Number of the first waypoint of a pass, or of travel -1 - path."""
+        return self._first[path]
+
+    def is_free(self, number: int) -> bool:
+        """Tell whether the tip counts at a waypoint, since it travels."""
+        return bool(self._way.free[number])
+
+    def at(self, number: int) -> Callable[[Floats, Floats, Bools], Floats]:
+        """Make a check of poses against what is there before a waypoint.
+
+        Returns:
+            A function of tips [mm], axes, and whether the tip counts, that gives the
+            clearance [mm] of each pose.
+        """
+        beads = self._beads.field(number) or EMPTY
+
+        def clearance(tips: Floats, axes: Floats, free: Bools) -> Floats:
+            gap = self._near.height_above(tips, axes) - self._plate
+            for shape, chosen in ((self._near, ~free), (self._whole, free)):
+                if chosen.any():
+                    for field in (beads, self._fixed):
+                        other = field.clearance(shape, tips[chosen], axes[chosen], 0.5)
+                        gap[chosen] = np.minimum(gap[chosen], other)
+            return gap
+
+        return clearance
 
 
 def _stages(toolpaths: ToolpathSet, way: _Waypoints) -> list[tuple[int, int]]:

@@ -55,7 +55,12 @@ class DistanceField:
         return np.where(beyond > 0, np.hypot(np.maximum(value, 0.0), beyond), value)
 
     def clearance(
-        self, tool: ToolShape, tips: Floats, axes: Floats, enough_mm: float = 1.0
+        self,
+        tool: ToolShape,
+        tips: Floats,
+        axes: Floats,
+        enough_mm: float = 1.0,
+        give_up_mm: float = -np.inf,
     ) -> Floats:
         """Measure how far a tool stays clear of the solid.
 
@@ -64,6 +69,7 @@ class DistanceField:
             tips: Tips [mm], shape (n, 3).
             axes: Unit vectors from the tip back along the tool, shape (n, 3).
             enough_mm: Clearance beyond which the exact value does not matter.
+            give_up_mm: Clearance below which the exact value does not matter.
 
         Returns:
             Clearances [mm], negative where the tool is inside, shape (n,).
@@ -74,7 +80,8 @@ class DistanceField:
         tool_clearance(
             np.ascontiguousarray(tips), np.ascontiguousarray(axes), self.values, self.origin,
             1.0 / self.spacing, tool.start_mm, STEP_MM, tool.inscribed,
-            tool.reach, tool.rim_at, tool.rim_radius, enough_mm, out,
+            tool.reach, tool.rim_at, tool.rim_radius, enough_mm, give_up_mm,
+            out,
         )  # fmt: skip
         return out
 
@@ -135,10 +142,23 @@ class Material:
             )
         kernels.nearest_label(self.face)
         self._fields: dict[bytes, DistanceField] = {}
+        self._whole: DistanceField | None = None
 
     def prepare(self, stages: Sequence[np.ndarray]) -> None:
         """Compute the fields of several choices of surfaces on all cores."""
         map_threads(self.field_of, {np.packbits(c).tobytes(): c for c in stages}.values())
+
+    def holds(self, points: Floats) -> np.ndarray:
+        """Tell which points are in the part, give or take half a voxel, shape (n,)."""
+        if self._whole is None:
+            self._whole = DistanceField.of(self.solid, self.origin, self.spacing)
+        return self._whole.distance(points) <= 0.5 * self.spacing
+
+    def face_at(self, points: Floats) -> np.ndarray:
+        """Name the face whose material is at points, or nearest to them, shape (n,)."""
+        index = np.rint((points - self.origin) / self.spacing).astype(np.int64)
+        i, j, k = np.clip(index, 0, np.array(self.face.shape) - 1).T
+        return self.face[i, j, k]
 
     def forget(self, stages: Sequence[np.ndarray]) -> None:
         """Drop the fields of choices that are not needed any more."""

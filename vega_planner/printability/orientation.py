@@ -19,11 +19,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from vega_planner.datatypes import Bools, Floats, Ints
-from vega_planner.printability.tool_kernels import limit_slope
+from vega_planner.printability.mesh_kernels import limit_slope
 from vega_planner.settings import PrintabilitySettings
 
 #: Steps in which the nozzle is raised towards the vertical until it is clear.
 RAISE_RAD = np.radians(12.5)
+
+#: Directions tried where the normal's own azimuth holds no clear one.
+SEARCH_TILTS_DEG, SEARCH_AZIMUTHS = (8.0, 16.0, 26.0, 40.0, 58.0), 12
 
 #: Tells the clearance [mm] of tool poses; arguments are indices, tips and axes.
 Clearance = Callable[[Ints, Floats, Floats], Floats]
@@ -95,16 +98,102 @@ def orient(
     tilt = np.maximum(np.minimum(own, most), 0.0)
     clear = tilt_limit >= 0
     tilt, found = raise_until_clear(vertices, normals, tilt, clearance, settings.clearance_mm)
+    axes, found = smoothed(vertices, faces, normals, tilt, found, tilt_limit, clearance, settings)
+    return Oriented(axes, clear & found)
+
+
+def smoothed(
+    vertices: Floats,
+    faces: Ints,
+    normals: Floats,
+    tilt: Floats,
+    found: Bools,
+    tilt_limit: Floats,
+    clearance: Clearance,
+    settings: PrintabilitySettings,
+) -> tuple[Floats, Bools]:
+    """Bound the change of the tilt along a sheet, and look further where nothing is clear.
+
+    Args:
+        vertices: Tips [mm], shape (n, 3).
+        faces: Vertex indices, shape (m, 3).
+        normals: Unit vectors that give the azimuth, shape (n, 3).
+        tilt: Tilts [rad], clear where `found`, shape (n,).
+        found: True where the tilt is clear, shape (n,).
+        tilt_limit: Largest tilt the plate leaves [rad], shape (n,).
+        clearance: The solid check.
+        settings: Rate, lean and clearance.
+
+    Returns:
+        Unit axes, shape (n, 3), and where they are clear.
+    """
+    # where nothing is clear the normal's tilt stands, so as not to bend what is next to it
+    most_tilt = np.minimum(tilt_of(normals), np.radians(settings.max_tilt_deg))
+    tilt = np.where(found, tilt, most_tilt)
     smooth = tilt.copy()
     limit_slope(vertices, faces, smooth, np.radians(settings.max_tilt_rate_deg_mm))
     # a small cap turns faster than the rate allows; there the lean counts for more
-    smooth = np.maximum(smooth, np.minimum(tilt, own - np.radians(settings.max_lean_deg)))
+    least = tilt_of(normals) - np.radians(settings.max_lean_deg)
+    smooth = np.maximum(smooth, np.minimum(tilt, least))
     moved = np.flatnonzero(found & (smooth < tilt - 1e-3))
     if len(moved):
         axes = tilted(normals[moved], smooth[moved])
         worse = clearance(moved, vertices[moved], axes) < settings.clearance_mm
         smooth[moved[worse]] = tilt[moved[worse]]
-    return Oriented(tilted(normals, smooth), clear & found)
+    axes = tilted(normals, smooth)
+    lost = np.flatnonzero(~found & (tilt_limit >= 0))
+    if len(lost):
+        most = np.minimum(tilt_limit[lost], np.radians(settings.max_tilt_deg))
+        other, ok = search_around(
+            vertices[lost],
+            normals[lost],
+            most,
+            lambda index, tips, poses: clearance(lost[index], tips, poses),
+            settings,
+        )
+        axes[lost[ok]] = other[ok]
+        found = found.copy()
+        found[lost[ok]] = True
+    return axes, found
+
+
+def search_around(
+    vertices: Floats,
+    normals: Floats,
+    most: Floats,
+    clearance: Clearance,
+    settings: PrintabilitySettings,
+) -> tuple[Floats, Bools]:
+    """Look for a clear axis in all directions, the one nearest to the normal.
+
+    In a valley or beside a ridge the free direction may point anywhere.
+
+    Args:
+        vertices: Tips [mm], shape (n, 3).
+        normals: Unit normals, shape (n, 3).
+        most: Largest tilts [rad], shape (n,).
+        clearance: The solid check.
+        settings: Lean and clearance.
+
+    Returns:
+        Unit axes, shape (n, 3), and where one was found.
+    """
+    best = np.full(len(vertices), np.cos(np.radians(settings.max_lean_deg)))
+    axes = np.tile([0.0, 0.0, 1.0], (len(vertices), 1))
+    found = np.zeros(len(vertices), np.bool_)
+    for tilt in np.radians(SEARCH_TILTS_DEG):
+        for azimuth in np.arange(SEARCH_AZIMUTHS) * (2 * np.pi / SEARCH_AZIMUTHS):
+            axis = np.array(
+                [np.sin(tilt) * np.cos(azimuth), np.sin(tilt) * np.sin(azimuth), np.cos(tilt)]
+            )
+            near = normals @ axis
+            todo = np.flatnonzero((near > best) & (tilt <= most))
+            if not len(todo):
+                continue
+            poses = np.tile(axis, (len(todo), 1))
+            ok = todo[clearance(todo, vertices[todo], poses) >= settings.clearance_mm]
+            axes[ok], best[ok], found[ok] = axis, near[ok], True
+    return axes, found
 
 
 def raise_until_clear(

@@ -35,12 +35,16 @@ def build_tree(vertices, faces, order, boxes, first, number):
                 vertices[faces[f, 0], x] + vertices[faces[f, 1], x] + vertices[faces[f, 2], x]
             ) / 3
     stack = np.empty((128, 3), np.int64)
-    stack[0] = (0, 0, m)
+    stack[0, 0] = 0
+    stack[0, 1] = 0
+    stack[0, 2] = m
     depth = 1
     nodes = 1
     while depth > 0:
         depth -= 1
-        node, low, high = stack[depth]
+        node = stack[depth, 0]
+        low = stack[depth, 1]
+        high = stack[depth, 2]
         mlow = np.full(3, 1e300)
         mhigh = np.full(3, -1e300)
         for x in range(3):
@@ -75,8 +79,12 @@ def build_tree(vertices, faces, order, boxes, first, number):
             i = (low + high) // 2
         first[node] = nodes
         number[node] = 0
-        stack[depth] = (nodes, low, i)
-        stack[depth + 1] = (nodes + 1, i, high)
+        stack[depth, 0] = nodes
+        stack[depth, 1] = low
+        stack[depth, 2] = i
+        stack[depth + 1, 0] = nodes + 1
+        stack[depth + 1, 1] = i
+        stack[depth + 1, 2] = high
         depth += 2
         nodes += 2
     return nodes

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 from numba import njit
 
 CLEAR = 1e3  # distance [mm] reported where nothing is near
@@ -46,7 +45,7 @@ def _distance(field, origin, inverse, x, y, z):
 @njit(nogil=True, cache=True)
 def tool_clearance(
     points, axes, field, origin, inverse, start, step, inscribed, reach, rim_at, rim_radius,
-    enough, out,
+    enough, give_up, out,
 ):  # fmt: skip
     """Measure how far the tool stays from what a distance field holds.
 
@@ -66,8 +65,9 @@ def tool_clearance(
         reach: (m,) for a distance v = step * index the largest s with s + radius <= v.
         rim_at, rim_radius: (r,) rims: distance behind the tip, radius [mm].
         enough: Clearance [mm] beyond which the exact value does not matter.
+        give_up: A clearance below this ends the walk: how far below does not matter.
         out: (n,) float64, written: the clearance, negative where the tool is inside;
-            exact only where below `enough`.
+            exact only between `give_up` and `enough`.
     """
     last = (inscribed.shape[0] - 1) * step
     for i in range(points.shape[0]):
@@ -79,11 +79,13 @@ def tool_clearance(
             d = _distance(field, origin, inverse, px + ux * s, py + uy * s, pz + uz * s)
             gap = d - inscribed[int(s / step + 0.5)]
             best = min(best, gap)
+            if best < give_up:
+                break
             k = int((d + s - enough) / step)
             if k >= reach.shape[0]:
                 break
             s = max(s + 2.0 * step, reach[k] if k > 0 else 0.0)
-        if best > enough:
+        if best > enough or best < give_up:
             out[i] = best
             continue
         if abs(uz) < 0.9:
@@ -160,73 +162,3 @@ def tool_hits(points, axes, group, obstacles, owner, start, step, radius, margin
             if square < r * r:
                 skip = owner[j]
                 hits[g, skip] += 1
-
-
-@njit(nogil=True, cache=True)
-def limit_slope(vertices, faces, value, rate):
-    """Lower a vertex field until it rises by at most `rate` per mm along every edge.
-
-    Args:
-        vertices: (n, 3) float64 [mm].
-        faces: (m, 3) int64.
-        value: (n,) float64, lowered in place.
-        rate: Largest slope per mm.
-    """
-    for sweep in range(200):
-        changed = False
-        count = faces.shape[0]
-        for g in range(count):
-            f = g if sweep % 2 == 0 else count - 1 - g
-            for e in range(3):
-                a, b = faces[f, e], faces[f, (e + 1) % 3]
-                d = 0.0
-                for x in range(3):
-                    d += (vertices[a, x] - vertices[b, x]) ** 2
-                rise = rate * math.sqrt(d)
-                if value[a] > value[b] + rise + 1e-9:
-                    value[a] = value[b] + rise
-                    changed = True
-                elif value[b] > value[a] + rise + 1e-9:
-                    value[b] = value[a] + rise
-                    changed = True
-        if not changed:
-            break
-
-
-@njit(nogil=True, cache=True)
-def components(count, faces, out):
-    """Number the connected pieces of a mesh, faces joined by a shared vertex.
-
-    Args:
-        count: Number of vertices.
-        faces: (m, 3) int64.
-        out: (m,) int64, written: piece of each face, numbered by first face.
-
-    Returns:
-        Number of pieces.
-    """
-    parent = np.arange(count)
-    for f in range(faces.shape[0]):
-        for e in range(1, 3):
-            a, b = faces[f, 0], faces[f, e]
-            while parent[a] != a:
-                parent[a] = parent[parent[a]]
-                a = parent[a]
-            while parent[b] != b:
-                parent[b] = parent[parent[b]]
-                b = parent[b]
-            if a < b:
-                parent[b] = a
-            else:
-                parent[a] = b
-    number = np.full(count, -1)
-    total = 0
-    for f in range(faces.shape[0]):
-        a = faces[f, 0]
-        while parent[a] != a:
-            a = parent[a]
-        if number[a] < 0:
-            number[a] = total
-            total += 1
-        out[f] = number[a]
-    return total

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from vega_planner.datatypes import Layer, Part, Patch
+from vega_planner.datatypes import Ints, Layer, Part, Patch
 from vega_planner.results.folder import write_folder
 from vega_planner.results.ply import mesh_ply
 from vega_planner.results.summary import summary_json
@@ -45,10 +45,11 @@ def write_plan(plan: PrintPlan, folder: str | Path) -> Path:
     files = {"part.ply": mesh_ply(plan.part.vertices, plan.part.faces)}
     if plan.part.restrained.any():
         files["restraint.ply"] = _restraint_ply(plan.part)
-    for index, layer in enumerate(plan.stack.layers):
-        files[f"layers/layer_{index:03d}.ply"] = _layer_ply(layer)
-    for index, layer in enumerate(plan.stack.cores):
-        files[f"layers/core_{index:03d}.ply"] = _layer_ply(layer)
+    reasons = plan.printability.face_reasons or (None,) * len(plan.stack.sheets)
+    envelopes = len(plan.stack.layers)
+    for index, (layer, reason) in enumerate(zip(plan.stack.sheets, reasons, strict=True)):
+        name = f"layer_{index:03d}" if index < envelopes else f"core_{index - envelopes:03d}"
+        files[f"layers/{name}.ply"] = _layer_ply(layer, reason)
     for index, patch in enumerate(plan.patches):
         files[f"patches/patch_{index:03d}.ply"] = _patch_ply(patch)
     files["toolpath.csv"] = toolpath_csv(plan.toolpaths)
@@ -70,8 +71,10 @@ def _restraint_ply(part: Part) -> bytes:
     return mesh_ply(part.vertices[used], flat.reshape(-1, 3))
 
 
-def _layer_ply(layer: Layer) -> bytes:
-    return mesh_ply(layer.vertices, layer.faces, {"thickness": layer.thickness})
+def _layer_ply(layer: Layer, reasons: Ints | None) -> bytes:
+    """A layer; `reason` is 0 where a face is printable, else 1 + index of `REASON_CODES`."""
+    marks = {} if reasons is None else {"reason": reasons}
+    return mesh_ply(layer.vertices, layer.faces, {"thickness": layer.thickness}, marks)
 
 
 def _patch_ply(patch: Patch) -> bytes:

@@ -63,6 +63,8 @@ def toolpath_rows(toolpaths: ToolpathSet) -> Floats:
     of the pass they lead to; the first row of each pass has extrude 0, since a bead
     ends at the row that says so.
     """
+    if not toolpaths.passes:
+        return np.zeros((0, len(TOOLPATH_COLUMNS)))
     blocks = []
     for index, move in enumerate(toolpaths.travels):
         path = toolpaths.passes[min(index, len(toolpaths.passes) - 1)]

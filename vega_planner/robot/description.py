@@ -20,6 +20,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 from vega_planner.errors import BadRobot, InvalidInput
+from vega_planner.robot.urdf_tree import check_tree
 from vega_planner.robot.yaml_file import numbers, read_mapping
 from vega_planner.shared_files import choices, named_file, shared_file
 
@@ -159,6 +160,7 @@ def _parsed(path: Path) -> ElementTree.Element:
         raise BadRobot(f"URDF file {path} is not well-formed XML: {error}") from error
     if root.tag != "robot":
         raise BadRobot(f"URDF file {path} begins with <{root.tag}>; expected <robot>")
+    check_tree(root, str(path))
     return root
 
 
@@ -212,7 +214,10 @@ def _frame(
         for key in ("xyz", "rpy")
     }
     ElementTree.SubElement(root, "link", {"name": name})
-    joint = ElementTree.SubElement(root, "joint", {"name": f"{name}_mount", "type": "fixed"})
+    mount_name = f"{name}_mount"
+    while any(joint.get("name") == mount_name for joint in root.iter("joint")):
+        mount_name += "_"
+    joint = ElementTree.SubElement(root, "joint", {"name": mount_name, "type": "fixed"})
     ElementTree.SubElement(joint, "parent", {"link": parent})
     ElementTree.SubElement(joint, "child", {"link": name})
     ElementTree.SubElement(joint, "origin", origin)

@@ -322,15 +322,16 @@ def solve_seeded(chain, lower, upper, points, axes, seeds, tolerance, limit, q, 
 
 
 @njit(nogil=True, cache=True)
-def track(chain, lower, upper, points, axes, sides, start, tolerance, limit, q, found):
-    """Follow targets in order, each from the solution before; sides may have no rows."""
+def solve_each(chain, lower, upper, points, axes, guesses, tolerance, limit, q, found):
+    """Solve each target from its own guess (n, j)."""
     n, joints = q.shape
     work = workspace(joints)
-    trial = start.copy()
+    trial = np.zeros(joints)
+    free = np.zeros(0)
     for i in range(n):
-        side = sides[i] if sides.shape[0] == n else sides[0]
-        found[i] = (
-            solve_one(chain, lower, upper, points[i], axes[i], side, trial, tolerance, limit, work)
-            > 0
+        trial[:] = guesses[i]
+        steps = solve_one(
+            chain, lower, upper, points[i], axes[i], free, trial, tolerance, limit, work
         )
+        found[i] = steps > 0
         q[i] = trial

@@ -78,6 +78,34 @@ class Numeric:
         map_threads(work, [slice(i, i + _CHUNK) for i in range(0, len(todo), _CHUNK)])
         return q, found
 
+    def distinct(self, point: Floats, axis: Floats, count: int) -> tuple[Floats, Bools]:
+        """Solve one target from many seeds.
+
+        Args:
+            point: Tip position [m], shape (3,).
+            axis: Unit nozzle axis, shape (3,).
+            count: Number of seeds.
+
+        Returns:
+            Configurations (count, j), many of them alike, and whether each meets the target.
+        """
+        _, index = self._tree.query(np.concatenate([point / kernels.LENGTH, axis]), k=count)
+        q = np.zeros((count, len(self.chain.lower)))
+        found = np.zeros(count, np.bool_)
+        kernels.solve_each(
+            self.chain.arrays,
+            self.chain.lower,
+            self.chain.upper,
+            np.tile(point, (count, 1)),
+            np.tile(axis, (count, 1)),
+            self._table[index],
+            TOLERANCE,
+            ITERATIONS,
+            q,
+            found,
+        )
+        return q, found
+
     def point_reached(self, points: Floats) -> Bools:
         """Tell which points the tip reaches with any axis at all.
 

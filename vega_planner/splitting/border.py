@@ -12,61 +12,17 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from vega_planner.datatypes import Bools, Floats, Ints, TriangleGeometry
-from vega_planner.splitting import kernels
 from vega_planner.splitting.gaussian_process import GaussianProcess
 
 #: Half width of the band round the border the regression sees: in mm, and in edges.
 BAND_MM, BAND_EDGES = 6.0, 5.0
 
+#: Distance from the border within which the regression replaces the labels: a border may
+#: move by no more.
+CLOSE_MM, CLOSE_EDGES = 2.0, 2.5
+
 #: Value of the field beyond the band.
 FAR_MM = 10.0
-
-
-def neighbours_of(mesh: TriangleGeometry) -> Ints:
-    """Find the face across each edge of each face, -1 at a rim, shape (m, 3)."""
-    out = np.empty((len(mesh.faces), 3), np.int64)
-    kernels.face_neighbours(len(mesh.vertices), mesh.faces, out)
-    return out
-
-
-def without_islands(neighbours: Ints, areas: Floats, label: Ints, least_mm2: float) -> Ints:
-    """Give regions smaller than an area the label of what surrounds them.
-
-    Args:
-        neighbours: From `neighbours_of`, shape (m, 3).
-        areas: Face areas [mm²], shape (m,).
-        label: Labels of the faces, shape (m,).
-        least_mm2: Area below which a region is noise.
-
-    Returns:
-        New labels, shape (m,).
-    """
-    label = label.copy()
-    for _ in range(4):
-        piece = np.empty(len(label), np.int64)
-        count = kernels.label_pieces(neighbours, label, piece)
-        size = np.bincount(piece, weights=areas, minlength=count)
-        across = neighbours.ravel()
-        face = np.repeat(np.arange(len(label)), 3)
-        edge = (across >= 0) & (size[piece[face]] < least_mm2)
-        edge &= label[face] != label[np.maximum(across, 0)]
-        if not edge.any():
-            break
-        face, across = face[edge], across[edge]
-        bigger = size[piece[across]] > size[piece[face]]
-        face, across = face[bigger], across[bigger]
-        if not len(face):
-            break
-        values = np.unique(label)
-        votes = np.zeros((count, len(values)))
-        np.add.at(votes, (piece[face], np.searchsorted(values, label[across])), 1.0)
-        change = np.flatnonzero(votes.sum(1) > 0)
-        best = values[votes[change].argmax(1)]
-        new = np.full(count, np.iinfo(np.int64).min)
-        new[change] = best
-        moved = new[piece] != np.iinfo(np.int64).min
-        label[moved] = new[piece[moved]]
-    return label
 
 
 def border_points(mesh: TriangleGeometry, neighbours: Ints, positive: Bools) -> Floats:
@@ -109,9 +65,10 @@ def separating_field(
     band = np.flatnonzero(np.isfinite(distance))
     target = sign[band] * np.minimum(distance[band], 0.5 * band_mm)
     size = float(np.ptp(points, axis=0).max())
-    lengths = np.geomspace(max(4.0, 2 * edge_mm), max(60.0, 0.5 * size), 6)
+    lengths = np.geomspace(max(4.0, 2 * edge_mm), max(60.0, 0.5 * size), 5)
     process = GaussianProcess(mesh.vertices[band], target, lengths)
-    field[band] = process.mean(mesh.vertices[band])
-    close = band[np.abs(field[band]) < 2 * edge_mm]
+    close = band[distance[band] < max(CLOSE_MM, CLOSE_EDGES * edge_mm)]
+    field[close] = process.mean(mesh.vertices[close])
+    close = close[np.abs(field[close]) < edge_mm]
     deviation[close] = process.deviation(mesh.vertices[close])
     return field, deviation

@@ -18,10 +18,10 @@ from vega_planner.datatypes import Floats, Ints
 from vega_planner.splitting.kernels import spread_points, squared_distances
 
 #: White noise tried, as a share of the amplitude's variance.
-NOISE_RATIOS = (1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
+NOISE_RATIOS = (1e-4, 1e-3, 1e-2, 1e-1)
 
 #: Points of the search for hyper-parameters, and of the fit.
-SEARCH_POINTS, FIT_POINTS = 120, 400
+SEARCH_POINTS, FIT_POINTS = 100, 320
 
 
 class GaussianProcess:

@@ -50,73 +50,12 @@ def _slot(keys, key):
 
 
 @njit(nogil=True, cache=True)
-def face_neighbours(count, faces, out):
-    """Find the face across each edge.
-
-    Args:
-        count: Number of vertices.
-        faces: (m, 3) int64.
-        out: (m, 3) int64, written: face across the edge from corner e to e + 1, or -1;
-            where more than two faces meet, the first two are joined.
-    """
-    m = faces.shape[0]
-    size = 16
-    while size < 6 * m:
-        size *= 2
-    keys = np.full(size, -1)
-    where = np.empty(size, np.int64)
-    for f in range(m):
-        for e in range(3):
-            out[f, e] = -1
-    for f in range(m):
-        for e in range(3):
-            a, b = faces[f, e], faces[f, (e + 1) % 3]
-            key = min(a, b) * count + max(a, b)
-            h = _slot(keys, key)
-            if keys[h] == -1:
-                keys[h] = key
-                where[h] = 3 * f + e
-            elif where[h] >= 0:
-                g, d = where[h] // 3, where[h] % 3
-                out[f, e] = g
-                out[g, d] = f
-                where[h] = -2
-
-
-@njit(nogil=True, cache=True)
-def label_pieces(neighbours, label, piece):
-    """Number the connected regions of equal label, faces joined across edges.
-
-    Args:
-        neighbours: (m, 3) from `face_neighbours`.
-        label: (m,) int64.
-        piece: (m,) int64, written, numbered by first face.
-
-    Returns:
-        Number of regions.
-    """
-    m = label.shape[0]
-    stack = np.empty(m, np.int64)
-    for f in range(m):
-        piece[f] = -1
-    total = 0
-    for seed in range(m):
-        if piece[seed] >= 0:
-            continue
-        piece[seed] = total
-        stack[0] = seed
-        depth = 1
-        while depth > 0:
-            depth -= 1
-            f = stack[depth]
-            for e in range(3):
-                g = neighbours[f, e]
-                if g >= 0 and piece[g] < 0 and label[g] == label[f]:
-                    piece[g] = total
-                    stack[depth] = g
-                    depth += 1
-        total += 1
-    return total
+def _put(new_faces, source, side, k, a, b, c, face, positive):
+    new_faces[k, 0] = a
+    new_faces[k, 1] = b
+    new_faces[k, 2] = c
+    source[k] = face
+    side[k] = positive
 
 
 @njit(nogil=True, cache=True)
@@ -199,21 +138,12 @@ def cut_faces(vertices, faces, value, new_faces, source, ends, weight, side):
         c = faces[f, (first + 2) % 3]
         ab, bc, ca = at[first], at[(first + 1) % 3], at[(first + 2) % 3]
         if value[a] == 0:
-            new_faces[made] = (a, b, bc)
-            side[made] = value[b] > 0
-            new_faces[made + 1] = (a, bc, c)
-            side[made + 1] = value[c] > 0
-            source[made] = f
-            source[made + 1] = f
+            _put(new_faces, source, side, made, a, b, bc, f, value[b] > 0)
+            _put(new_faces, source, side, made + 1, a, bc, c, f, value[c] > 0)
             made += 2
             continue
-        new_faces[made] = (a, ab, ca)
-        side[made] = value[a] > 0
-        new_faces[made + 1] = (ab, b, c)
-        side[made + 1] = value[b] > 0
-        new_faces[made + 2] = (ab, c, ca)
-        side[made + 2] = value[b] > 0
-        for k in range(3):
-            source[made + k] = f
+        _put(new_faces, source, side, made, a, ab, ca, f, value[a] > 0)
+        _put(new_faces, source, side, made + 1, ab, b, c, f, value[b] > 0)
+        _put(new_faces, source, side, made + 2, ab, c, ca, f, value[b] > 0)
         made += 3
     return made, cuts

@@ -18,20 +18,21 @@ from vega_planner.printability.assessment import (
     Assessment,
     SheetAssessment,
 )
-from vega_planner.printability.tool_kernels import components
+from vega_planner.printability.islands import neighbours_of
+from vega_planner.printability.mesh_kernels import components
 from vega_planner.progress import Progress, Report
 from vega_planner.settings import PrintabilitySettings
-from vega_planner.splitting.border import neighbours_of, separating_field, without_islands
+from vega_planner.splitting.border import separating_field
 from vega_planner.splitting.cut import cut_mesh
 
 if TYPE_CHECKING:
     from vega_planner.robot.workcell import Workcell
 
-#: Regions smaller than this many squared layer thicknesses are noise of the labels.
-ISLAND = 9.0
-
 #: Pieces smaller than this share of a squared thickness hold no bead.
 CRUMB = 0.5
+
+#: Height over the plate, in layer thicknesses, below which no bead's centre can lie.
+LOWEST_BEAD = 0.25
 
 #: Unprintable area left on a printable side that ends the search for the cut.
 MISLABELLED_RATIO = 3e-3
@@ -78,13 +79,20 @@ def split_layers(
         Patches in the order of the sheets; their normals point at the nozzle.
     """
     patches: list[Patch] = []
-    pieces = list(zip(range(len(stack.sheets)), stack.sheets, assessment.sheets))
+    plate = float(cell.placement.plate_z_mm)
+    pieces = list(zip(range(len(stack.sheets)), assessment.layers, assessment.sheets))
     with _one_blas_thread(any(len(np.unique(s.side)) > 1 for s in assessment.sheets)):
         for first in range(0, len(pieces), 8):
             for found in map_threads(_split_sheet, pieces[first : first + 8]):
-                patches += found
+                patches += [patch for patch in found if _holds_bead(patch, plate)]
             report(Progress("splitting", min(1.0, (first + 8) / len(pieces))))
     return tuple(patches)
+
+
+def _holds_bead(patch: Patch, plate_z_mm: float) -> bool:
+    """Tell whether a patch rises far enough above the plate for a bead to lie there."""
+    height = patch.vertices[:, 2] - plate_z_mm
+    return bool((height > LOWEST_BEAD * patch.thickness).any())
 
 
 def _one_blas_thread(needed: bool) -> AbstractContextManager:
@@ -106,11 +114,6 @@ def _split_sheet(item: tuple[int, Layer, SheetAssessment]) -> list[Patch]:
         layer.vertices, layer.faces, layer.thickness, outside.axes, inside.axes,
         (outside.code > 0).astype(float), (inside.code > 0).astype(float), label,
     )  # fmt: skip
-    if len(np.unique(label)) > 1:
-        neighbours = neighbours_of(layer)
-        island = ISLAND * float(np.median(layer.thickness)) ** 2
-        label = without_islands(neighbours, layer.face_areas, label, island)
-        piece = _with_label(piece, label)
     patches: list[Patch] = []
     rest = piece
     for side in (OUTSIDE, INSIDE):
@@ -125,13 +128,6 @@ def _split_sheet(item: tuple[int, Layer, SheetAssessment]) -> list[Patch]:
             break
         rest = other
     return patches
-
-
-def _with_label(piece: _Piece, label: Ints) -> _Piece:
-    return _Piece(
-        piece.vertices, piece.faces, piece.thickness, piece.outside, piece.inside,
-        piece.outside_bad, piece.inside_bad, label,
-    )  # fmt: skip
 
 
 def _cut_off(piece: _Piece, side: int) -> tuple[_Piece, _Piece]:
@@ -189,9 +185,13 @@ def _compact(faces: Ints, count: int) -> tuple[Ints, Ints]:
 def _patches(piece: _Piece, side: int, number: int, crumb_mm2: float) -> list[Patch]:
     """Make a patch of each connected part of a piece."""
     axes = piece.outside if side == OUTSIDE else piece.inside
-    axes = axes / np.linalg.norm(axes, axis=1, keepdims=True)
+    length = np.linalg.norm(axes, axis=1, keepdims=True)
+    if np.abs(length - 1).max() > 1e-12:  # interpolated at a cut
+        axes = axes / length
     part = np.empty(len(piece.faces), np.int64)
     count = components(len(piece.vertices), piece.faces, part)
+    if count == 1 and side == OUTSIDE and len(piece.faces) > 8:
+        return [Patch(number, piece.vertices, piece.faces, piece.thickness, axes)]
     made = []
     for k in range(count):
         chosen = part == k

@@ -2,8 +2,9 @@
 """A bowl that matches the lower side of a part.
 
 The bowl is a block with drafted walls and a foot, minus the part grown by the clearance.
-It reaches up to where the part begins to face upwards, its widest section for an egg, so
-that the part can be lifted out and an ordinary printer can print the bowl.
+It fills what is under the part's lower side, as seen from below, and its edge follows the
+rim of that side, the widest section of an egg, so that the part can be lifted out, the
+nozzle reaches all that faces up, and an ordinary printer can print the bowl.
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ import numpy as np
 
 from vega_planner.datatypes import Floats, Ints, Part, TriangleGeometry
 from vega_planner.errors import BadMesh, InvalidInput
+from vega_planner.printability.line_of_sight import Occluder
+from vega_planner.printability.mesh_kernels import components
 
 #: A base is flat where this share of the part's outline touches the plane z = 0.
 FLAT_SHARE = 0.15
@@ -22,8 +25,9 @@ FLAT_SHARE = 0.15
 #: Heights [mm] and normals that count as lying on the plate.
 FLAT_MM, FLAT_COSINE = 0.05, 0.98
 
-#: Share of the part's area that may face up below the bowl's edge: bumps of the mesh.
-UNDERCUT_SHARE = 0.01
+#: Pieces of the lower side are carried where they come this near to the plate [mm] and
+#: hold this share of it.
+NEAR_PLATE_MM, LEAST_SHARE = 1.0, 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +37,7 @@ class Substrate(TriangleGeometry):
     Attributes:
         vertices: Points [mm], shape (n, 3).
         faces: Vertex indices, counter-clockwise from outside, shape (m, 3).
-        height_mm: Height of the edge in the part frame.
+        height_mm: Largest height of the edge in the part frame.
         floor_mm: Thickness under the part's lowest point; the plate is at -floor_mm.
     """
 
@@ -59,16 +63,29 @@ def shadow_mm2(part: Part) -> float:
     return float(-(part.face_areas * down).sum())
 
 
-def bowl_height(part: Part) -> float:
-    """Find the height up to which the part only widens [mm]."""
-    up = part.face_normals[:, 2] > 0.02
-    if not up.any():
-        return float(part.bounds[1, 2])
-    low = part.vertices[part.faces][:, :, 2].min(1)[up]
-    order = np.argsort(low, kind="stable")
-    running = np.cumsum(part.face_areas[up][order])
-    first = int(np.searchsorted(running, UNDERCUT_SHARE * part.area))
-    return float(low[order][min(first, len(order) - 1)])
+def lower_side(part: Part) -> Ints:
+    """Find the faces a substrate carries: they face down, are seen from below, and belong
+    to a piece that comes down near the plate.
+
+    Returns:
+        Face indices.
+
+    Raises:
+        BadMesh: If there is none.
+    """
+    down = np.flatnonzero(part.face_normals[:, 2] < -0.02)
+    centres = part.vertices[part.faces[down]].mean(1)
+    below = np.tile([0.0, 0.0, -1.0], (len(down), 1))
+    down = down[~Occluder(part).blocks(centres, below)]
+    piece = np.empty(len(down), np.int64)
+    count = components(len(part.vertices), part.faces[down], piece)
+    low = np.full(count, np.inf)
+    np.minimum.at(low, piece, part.vertices[part.faces[down]][:, :, 2].min(1))
+    area = np.bincount(piece, part.face_areas[down], count)
+    kept = down[(low <= NEAR_PLATE_MM)[piece] & (area > LEAST_SHARE * area.sum())[piece]]
+    if not len(kept):
+        raise BadMesh(f"part '{part.name}' has no lower side a substrate could carry")
+    return kept
 
 
 def make_substrate(
@@ -87,8 +104,8 @@ def make_substrate(
     Args:
         part: The part, lowest point on z = 0.
         clearance_mm: Gap between part and substrate.
-        height_mm: Height of the edge over the part's lowest point; up to the part's
-            widest section when absent.
+        height_mm: Largest height of the edge over the part's lowest point; the rim of
+            the part's lower side when absent.
         wall_mm: Width of the edge around the part's outline.
         floor_mm: Thickness under the part's lowest point.
         draft_deg: Angle by which the outer walls widen towards the foot.
@@ -116,29 +133,35 @@ def make_substrate(
         raise InvalidInput(
             f"floor_mm is {floor_mm:g}; must be above the clearance of {clearance_mm:g} mm"
         )
-    top = bowl_height(part) if height_mm is None else float(height_mm)
-    if not 0 < top <= part.bounds[1, 2]:
+    if height_mm is not None and not 0 < height_mm <= part.bounds[1, 2]:
         raise InvalidInput(
-            f"height_mm is {top:g}; the part is {part.bounds[1, 2]:g} mm high, "
+            f"height_mm is {height_mm:g}; the part is {part.bounds[1, 2]:g} mm high, "
             "choose a height between 0 and that"
         )
-    # an edge of some height even where the part faces up at once
-    top = max(top, 0.5)
     import manifold3d
 
+    side = part.faces[lower_side(part)]
+    top = float(part.vertices[side.ravel(), 2].max())
+    if height_mm is not None:
+        top = min(top, float(height_mm))
+    top = max(top, 0.5)
+    drafted = wall_mm + np.tan(np.radians(draft_deg)) * top
+    wide = drafted + foot_mm
     outline = _outline_below(part, top)
-    block = _frustum(outline, wall_mm, wall_mm + np.tan(np.radians(draft_deg)) * top, 0.0, top)
-    wide = wall_mm + np.tan(np.radians(draft_deg)) * top + foot_mm
+    block = _frustum(outline, drafted, wall_mm, 0.0, top)
     foot = _frustum(outline, wide, wide, -floor_mm, min(foot_height_mm - floor_mm, top))
-    base = _frustum(outline, wide - foot_mm, wide - foot_mm, -floor_mm, 0.0)
+    base = _frustum(outline, drafted, drafted, -floor_mm, 0.0)
+    high = float(part.bounds[1, 2]) + 5.0
+    above = _extruded(part.vertices - [0, 0, clearance_mm], side, None, high)
+    shadow = _extruded(part.vertices, side, -floor_mm - 5.0, high + 1.0)
     grown = part.vertices + clearance_mm * part.vertex_normals
     body = manifold3d.Manifold(
         manifold3d.Mesh64(
-            vert_properties=np.ascontiguousarray(grown),
-            tri_verts=part.faces.astype(np.uint64),
+            vert_properties=np.ascontiguousarray(grown), tri_verts=part.faces.astype(np.uint64)
         )
     )
-    solid = (block + foot + base) - body
+    skirts = _skirts(part.vertices, side, 2.0 * wide + 5.0, high) - shadow
+    solid = (block + foot + base) - body - above - skirts
     if solid.status() != manifold3d.Error.NoError or solid.is_empty():
         raise BadMesh(f"substrate of '{part.name}': the boolean failed ({solid.status()})")
     pieces = [piece for piece in solid.decompose() if piece.volume() > 1e-3]
@@ -149,6 +172,73 @@ def make_substrate(
         top,
         floor_mm,
     )
+
+
+def _rim(faces: Ints) -> Ints:
+    """Directed edges that have a face on one side only, shape (k, 2)."""
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    count = int(faces.max()) + 1
+    key = edges[:, 0] * count + edges[:, 1]
+    back = edges[:, 1] * count + edges[:, 0]
+    return edges[~np.isin(key, back)]
+
+
+def _extruded(vertices: Floats, faces: Ints, bottom: float | None, top: float) -> Any:
+    """Solid between a sheet that faces down and a plane above it.
+
+    Args:
+        vertices: Points [mm], shape (n, 3).
+        faces: The sheet's faces, shape (m, 3).
+        bottom: Height the sheet is flattened to; as it is when None.
+        top: Height of the plane.
+    """
+    import manifold3d
+
+    used, new = np.unique(faces, return_inverse=True)
+    sheet = new.reshape(-1, 3)
+    low = vertices[used].copy()
+    if bottom is not None:
+        low[:, 2] = bottom
+    high = low.copy()
+    high[:, 2] = top
+    count = len(used)
+    a, b = _rim(sheet).T
+    sides = np.concatenate(
+        [np.column_stack([b, a, a + count]), np.column_stack([b, a + count, b + count])]
+    )
+    mesh = np.concatenate([sheet, sheet[:, ::-1] + count, sides])
+    return manifold3d.Manifold(
+        manifold3d.Mesh64(
+            vert_properties=np.concatenate([low, high]), tri_verts=mesh.astype(np.uint64)
+        )
+    )
+
+
+def _skirts(vertices: Floats, faces: Ints, width: float, top: float) -> Any:
+    """What lies above and outside of a sheet's rim: a wall must not rise over it."""
+    import manifold3d
+
+    rim = _rim(faces)
+    along = vertices[rim[:, 1], :2] - vertices[rim[:, 0], :2]
+    # the sheet faces down: seen from above it runs clockwise, and outside is to the left
+    out = np.column_stack([-along[:, 1], along[:, 0]])
+    normal = np.zeros((len(vertices), 2))
+    for end in (0, 1):
+        np.add.at(normal, rim[:, end], out)
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    normal = np.divide(normal, length, out=np.zeros_like(normal), where=length > 1e-12)
+    pieces = []
+    for a, b in rim:
+        corners = []
+        for v in (a, b):
+            x, y, z = vertices[v]
+            for far in (0.0, width):
+                corners.append((x + far * normal[v, 0], y + far * normal[v, 1], z))
+                corners.append((x + far * normal[v, 0], y + far * normal[v, 1], top))
+        piece = manifold3d.Manifold.hull_points(np.array(corners))
+        if not piece.is_empty():
+            pieces.append(piece)
+    return manifold3d.Manifold.batch_boolean(pieces, manifold3d.OpType.Add)
 
 
 def _outline_below(part: Part, top: float) -> Floats:
@@ -168,7 +258,7 @@ def _outline_below(part: Part, top: float) -> Floats:
 
 
 def _frustum(
-    outline: Floats, grow_top: float, grow_bottom: float, bottom: float, top: float
+    outline: Floats, grow_bottom: float, grow_top: float, bottom: float, top: float
 ) -> Any:
     """Convex solid between an outline grown by one distance below and another above."""
     import manifold3d

@@ -9,29 +9,25 @@ from dataclasses import replace
 import numpy as np
 
 from vega_planner.datatypes import Bools, Floats, Ints, Patch
-from vega_planner.toolpaths.distance import from_rim, through_space_from_rim
+from vega_planner.toolpaths.distance import through_space_from_rim
+from vega_planner.toolpaths.gaps import LONELY, lines_in_gaps, middle_of, ridge_vertices
 from vega_planner.toolpaths.isoline_kernels import area_above
 from vega_planner.toolpaths.isolines import (
-    AXIS,
     CELL,
-    POSITION,
     Line,
     isolines,
     levels_of,
     off_levels,
     vertex_values,
 )
-from vega_planner.toolpaths.polyline_kernels import line_length, middle_line
+from vega_planner.toolpaths.polyline_kernels import line_length
+from vega_planner.toolpaths.rim import Ground, measure_rim
 from vega_planner.toolpaths.surface import Surface
 from vega_planner.toolpaths.topology_kernels import label_components
 
 #: The spacing is fitted to the depth of the patch between these parts of itself; where
 #: that cannot be, the middle gets a line of its own.
 _CLOSEST, _WIDEST = 0.9, 1.01
-
-#: A middle wider than this part of the spacing, from the last loop to the ridge, gets
-#: a line of its own.
-_LONE_RIDGE = 0.55
 
 
 def fitted_spacing(depth: float, spacing: float) -> float:
@@ -44,6 +40,8 @@ def fitted_spacing(depth: float, spacing: float) -> float:
     Returns:
         Spacing of which `depth` is a multiple, or `spacing` where none is near.
     """
+    if depth <= 0:
+        return spacing
     count = max(1, math.ceil(depth / (_WIDEST * spacing)))
     fitted = depth / count
     return fitted if fitted >= _CLOSEST * spacing else spacing
@@ -54,7 +52,7 @@ def contour_lines(
     patch: Patch,
     spacing: float,
     *,
-    bias: Floats | None = None,
+    ground: Ground | None = None,
     euclidean: bool = False,
 ) -> tuple[list[Line], float]:
     """Lay loops on a patch, from half a spacing inside the rim to its middle.
@@ -63,7 +61,7 @@ def contour_lines(
         surface: Connectivity of the patch.
         patch: The patch.
         spacing: Wanted spacing [mm].
-        bias: What the rim starts with [mm]; below zero the loops keep off the rim.
+        ground: What the rim may stand on; nothing when absent.
         euclidean: Measure the distance from the rim through space.
 
     Returns:
@@ -75,48 +73,50 @@ def contour_lines(
         field = off_levels(distance / spacing - 0.5)
         values = vertex_values(patch, spacing, distance)
         return isolines(surface, field, values, math.floor(field.max())), spacing
-    distance, _ = from_rim(surface, bias)
-    fitted = fitted_spacing(float(distance.max()), spacing)
-    field = off_levels(distance / fitted - 0.5)
-    values = vertex_values(patch, fitted, distance)
+    rim = measure_rim(surface, patch, spacing, ground)
+    fitted = fitted_spacing(rim.depth, spacing)
+    field = off_levels(rim.levels(fitted))
+    values = vertex_values(patch, rim.cells(fitted), rim.distance)
     lines = isolines(surface, field, values, math.floor(field.max()))
-    return _fill_middles(surface, field, values, lines, fitted), fitted
+    ridge = ridge_vertices(surface, rim.gradient)
+    return _fill_middles(surface, field, values, lines, ridge, fitted), fitted
 
 
 def _fill_middles(
-    surface: Surface, field: Floats, values: Floats, lines: list[Line], spacing: float
+    surface: Surface,
+    field: Floats,
+    values: Floats,
+    lines: list[Line],
+    ridge: Bools,
+    spacing: float,
 ) -> list[Line]:
-    """Let the last loops, or a line between them, fill what lies inside them."""
+    """Let the last loops, and lines between them, fill what lies inside them."""
     levels = levels_of(field)
     region, count = label_components(surface.edges, levels, len(levels))
     top, level = _region_tops(surface, field, levels, region, count)
-    middle = top >= 0
-    reach = np.where(middle, top - np.maximum(level, -0.5), 0.0)
-    area = area_above(
-        surface.vertices,
-        surface.faces,
-        field,
-        np.where(middle, np.maximum(level, -0.5), 1e9),
-        region,
-        count,
-    )
-    lone = reach > np.where(level < 0, 0.5 * _LONE_RIDGE, _LONE_RIDGE)
-    ridges = _ridge_lines(surface, field, values, region, lone, reach, level, spacing)
+    middle = top > -1
+    base = np.where(middle, np.maximum(level, -0.5), 1e9)
+    area = area_above(surface.vertices, surface.faces, field, base, region, count)
+    wide = ridge & (field - levels > 0.5) & (levels >= 0)
+    ridges = lines_in_gaps(surface, values, lines, wide, field, spacing)
+    ridges += _strips(surface, field, values, region, middle & (level < 0), top, spacing)
+    for line in ridges:
+        part = line.rows[:, CELL].mean() * line_length(line.rows, False)
+        area[region[line.above]] -= part
     around, loops = np.zeros(count), np.zeros(count)
-    length = np.array([line_length(line.rows, line.closed) for line in lines])
-    owner = np.array([region[line.above] for line in lines], np.int64)
-    inner = np.array([level[r] == line.level and middle[r] for r, line in zip(owner, lines)])
-    for n in np.flatnonzero(inner).tolist():
-        around[owner[n]] += length[n]
-        loops[owner[n]] += 1
+    owner = [int(region[line.above]) for line in lines]
+    inner = [middle[r] and level[r] == line.level for r, line in zip(owner, lines)]
+    for r, line, last in zip(owner, lines, inner):
+        if last:
+            around[r] += line_length(line.rows, line.closed)
+            loops[r] += 1
     result = []
-    for n, line in enumerate(lines):
-        if inner[n]:
-            inside = area[owner[n]] * (0.5 if lone[owner[n]] else 1.0)
+    for r, line, last in zip(owner, lines, inner):
+        if last:
             # a strip outside a single small loop is longer than the loop (Steiner)
-            outside = max(0.0, 2.0 - loops[owner[n]]) * math.pi * spacing**2 / 4
+            outside = max(0.0, 2.0 - loops[r]) * math.pi * spacing**2 / 4
             rows = line.rows.copy()
-            rows[:, CELL] += (inside + outside) / around[owner[n]] - 0.5 * spacing
+            rows[:, CELL] += (max(area[r], 0.0) + outside) / around[r] - 0.5 * spacing
             line = replace(line, rows=rows)
         result.append(line)
     result += ridges
@@ -136,36 +136,28 @@ def _region_tops(
     lower = np.where(levels[a] < levels[b], a, b)
     passed = np.zeros(count, np.bool_)
     passed[region[lower[levels[a] != levels[b]]]] = True
-    return np.where(passed, -1.0, np.where(level < 0, np.maximum(top, 0.0), top)), level
+    return np.where(passed, -1.0, top), level
 
 
-def _ridge_lines(
+def _strips(
     surface: Surface,
     field: Floats,
     values: Floats,
     region: Ints,
-    lone: Bools,
-    reach: Floats,
-    level: Floats,
+    narrow: Bools,
+    top: Floats,
     spacing: float,
 ) -> list[Line]:
-    """Draw a line along the ridge of each region that is wide enough for one."""
-    if not lone.any():
+    """Draw a line along the middle of each region that is too narrow for a loop."""
+    reach = np.where(narrow, top + 0.5, 0.0)
+    narrow = narrow & (reach > 0.5 * LONELY)
+    if not narrow.any():
         return []
-    part = np.where(
-        lone[region],
-        (field - np.maximum(level, -0.5)[region]) / np.maximum(reach, 1e-9)[region],
-        -1.0,
-    )
+    part = np.where(narrow[region], (field + 0.5) / np.maximum(reach, 1e-9)[region], -1.0)
     lines = []
     for loop in isolines(surface, off_levels(part - 0.75), values, 0):
-        here = region[loop.above]
-        if not loop.closed or not lone[here]:
-            continue
-        rows = middle_line(loop.rows)
-        rows[:, AXIS] /= np.linalg.norm(rows[:, AXIS], axis=1, keepdims=True)
-        if np.linalg.norm(rows[-1, POSITION] - rows[0, POSITION]) < 0.3 * spacing:
-            continue
-        rows[:, CELL] = reach[here] * spacing * (2.0 if level[here] < 0 else 1.0)
-        lines.append(Line(rows, int(level[here]) + 1, False, loop.component, loop.above))
+        line = middle_of(loop, 0, spacing) if loop.closed else None
+        if line is not None:
+            line.rows[:, CELL] = 2.0 * reach[region[loop.above]] * spacing
+            lines.append(line)
     return lines

@@ -19,34 +19,36 @@ from vega_planner.toolpaths.surface import Surface
 
 
 def from_rim(
-    surface: Surface, bias: Floats | None = None, limit: float = math.inf
-) -> tuple[Floats, Floats]:
+    surface: Surface, carried: Floats | None = None, limit: float = math.inf
+) -> tuple[Floats, Floats, Floats]:
     """Measure the geodesic distance from the rim; from the lowest point without one.
 
     Args:
         surface: The patch.
-        bias: What rim vertices start with [mm], shape (n,); zeros when absent.
+        carried: Values at the vertices, of which those at the rim are carried inwards
+            along the shortest ways, shape (n, c).
         limit: Distances above it are not needed [mm].
 
     Returns:
-        Distances [mm], shape (n,), and their unit gradients, shape (n, 3).
+        Distances [mm], shape (n,), their unit gradients, shape (n, 3), and what each
+        vertex has from the place of the rim nearest to it, shape (n, c).
     """
     count = len(surface.vertices)
     d, g = np.full(count, FAR), np.zeros((count, 3))
+    brought = np.zeros((count, 0)) if carried is None else carried.copy()
     fixed = np.zeros(count, np.bool_)
     rim = surface.rim_edges
-    start = np.zeros(count) if bias is None else bias
     star = (surface.offsets, surface.star)
     if len(rim):
-        start_at_rim(surface.vertices, surface.faces, *star, rim, start, d, g, fixed)
+        start_at_rim(surface.vertices, surface.faces, *star, rim, d, g, brought, fixed)
     with_rim = np.zeros(surface.component_count, np.bool_)
     with_rim[surface.component[rim[:, 0]]] = True
     for piece in np.flatnonzero(~with_rim):
         members = np.flatnonzero(surface.component == piece)
         source = members[np.lexsort((members, surface.vertices[members, 2]))[0]]
         start_at_vertex(surface.vertices, surface.faces, *star, source, d, g, fixed)
-    march(surface.vertices, surface.faces, *star, d, g, fixed, limit)
-    return d, g
+    march(surface.vertices, surface.faces, *star, d, g, brought, fixed, limit)
+    return d, g, brought
 
 
 def from_guide(surface: Surface, guide: Floats) -> Floats:
@@ -65,7 +67,8 @@ def from_guide(surface: Surface, guide: Floats) -> Floats:
     side = np.where(guide < 0, -1.0, 1.0)
     off_zero = np.where(np.abs(guide) < 1e-9, 1e-9 * side, guide)
     start_at_zero(surface.vertices, surface.faces, off_zero, d, g, fixed)
-    march(surface.vertices, surface.faces, surface.offsets, surface.star, d, g, fixed, math.inf)
+    star, nothing = (surface.offsets, surface.star), np.zeros((count, 0))
+    march(surface.vertices, surface.faces, *star, d, g, nothing, fixed, math.inf)
     return d * side
 
 

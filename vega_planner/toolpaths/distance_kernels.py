@@ -32,7 +32,7 @@ def edge_update(V, c, a, b, d, g, out):
         b: Second end.
         d: Distances, shape (n,).
         g: Gradients, shape (n, 3).
-        out: Receives the gradient at c, shape (3,).
+        out: Receives the gradient at c and the place on the edge, shape (4,).
 
     Returns:
         The distance at c.
@@ -107,6 +107,7 @@ def edge_update(V, c, a, b, d, g, out):
         out[0] = fx / rho
         out[1] = fy / rho
         out[2] = fz / rho
+    out[3] = where
     return best
 
 
@@ -122,11 +123,12 @@ def _vertex_update(V, c, a, d, g, out):
     out[0] = px / length
     out[1] = py / length
     out[2] = pz / length
+    out[3] = 0.0
     return d[a] + length
 
 
 @njit(nogil=True, cache=True)
-def march(V, F, offsets, star, d, g, fixed, limit):
+def march(V, F, offsets, star, d, g, carried, fixed, limit):
     """Extend distances from the vertices that have one to all that can be reached.
 
     Args:
@@ -136,7 +138,9 @@ def march(V, F, offsets, star, d, g, fixed, limit):
         star: Faces of the vertex stars.
         d: Distances, shape (n,): FAR where unknown; overwritten.
         g: Gradients, shape (n, 3); overwritten.
-        fixed: True where d and g are given and stay.
+        carried: What each vertex has from the place its distance starts at, shape
+            (n, c); overwritten.
+        fixed: True where d, g and what is carried are given and stay.
         limit: Distances above it are left as they are.
 
     Returns:
@@ -146,7 +150,7 @@ def march(V, F, offsets, star, d, g, fixed, limit):
     done = np.zeros(count, np.bool_)
     order = np.empty(count, np.int64)
     reached = 0
-    out = np.zeros(3)
+    out = np.zeros(4)
     heap = [(0.0, np.int64(0))]
     heap.pop()
     for v in range(count):
@@ -183,10 +187,13 @@ def march(V, F, offsets, star, d, g, fixed, limit):
                     d[p] = new
                     for m in range(3):
                         g[p, m] = out[m]
+                    for m in range(carried.shape[1]):
+                        carried[p, m] = (1.0 - out[3]) * carried[a, m] + out[3] * carried[o, m]
                     heapq.heappush(heap, (new, p))
     # One sweep in the order of arrival: now both ends of every edge are known, which
     # mends vertices that an obtuse triangle let the front reach too late.
-    best_g = np.zeros(3)
+    best_g = np.zeros(4)
+    left = right = 0
     for q in range(reached):
         p = order[q]
         if fixed[p]:
@@ -206,18 +213,27 @@ def march(V, F, offsets, star, d, g, fixed, limit):
             new = edge_update(V, p, b, c, d, g, out)
             if new < best:
                 best = new
-                for m in range(3):
+                left = b
+                right = c
+                for m in range(4):
                     best_g[m] = out[m]
         if best < FAR:
             d[p] = best
+            for m in range(carried.shape[1]):
+                carried[p, m] = (1.0 - best_g[3]) * carried[left, m] + best_g[3] * carried[
+                    right, m
+                ]
             for m in range(3):
                 g[p, m] = best_g[m]
     return order[:reached].copy()
 
 
 @njit(nogil=True, cache=True)
-def _to_segment(p, a, b, foot):
-    """Distance of p from the segment a-b; `foot` receives the nearest point."""
+def _to_segment(p, a, b, foot, beyond):
+    """Distance of p from the segment a-b; `foot` receives the nearest point.
+
+    The segment goes on `beyond` its ends by that part of its length.
+    """
     dx = b[0] - a[0]
     dy = b[1] - a[1]
     dz = b[2] - a[2]
@@ -225,7 +241,7 @@ def _to_segment(p, a, b, foot):
     w = 0.0
     if ll > 0.0:
         w = ((p[0] - a[0]) * dx + (p[1] - a[1]) * dy + (p[2] - a[2]) * dz) / ll
-        w = min(max(w, 0.0), 1.0)
+        w = min(max(w, -beyond), 1.0 + beyond)
     foot[0] = a[0] + w * dx
     foot[1] = a[1] + w * dy
     foot[2] = a[2] + w * dz
@@ -233,7 +249,7 @@ def _to_segment(p, a, b, foot):
 
 
 @njit(nogil=True, cache=True)
-def start_at_rim(V, F, offsets, star, rim, bias, d, g, fixed):
+def start_at_rim(V, F, offsets, star, rim, d, g, carried, fixed):
     """Set distance and gradient at the vertices next to the rim.
 
     Args:
@@ -242,10 +258,9 @@ def start_at_rim(V, F, offsets, star, rim, bias, d, g, fixed):
         offsets: Offsets of the vertex stars.
         star: Faces of the vertex stars.
         rim: Rim edges, shape (r, 2), running as their face does.
-        bias: What the rim vertices start with, shape (n,); below zero moves every
-            front inwards there.
         d: Distances, FAR everywhere; overwritten.
         g: Gradients; overwritten.
+        carried: What the rim vertices carry, shape (n, c); overwritten next to the rim.
         fixed: False everywhere; overwritten.
     """
     count = V.shape[0]
@@ -258,7 +273,7 @@ def start_at_rim(V, F, offsets, star, rim, bias, d, g, fixed):
     for e in range(rim.shape[0]):
         for k in range(2):
             v = rim[e, k]
-            d[v] = bias[v]
+            d[v] = 0.0
             fixed[v] = True
     # inward direction in the surface at the rim vertices
     for e in range(rim.shape[0]):
@@ -269,7 +284,7 @@ def start_at_rim(V, F, offsets, star, rim, bias, d, g, fixed):
             for c in range(3):
                 if F[t, c] == i and F[t, (c + 1) % 3] == j:
                     k = F[t, (c + 2) % 3]
-                    _to_segment(V[k], V[i] - 1e6 * (V[j] - V[i]), V[i] + 1e6 * (V[j] - V[i]), foot)
+                    _to_segment(V[k], V[i], V[j], foot, 1e6)
                     h = math.sqrt(
                         (V[k, 0] - foot[0]) ** 2
                         + (V[k, 1] - foot[1]) ** 2
@@ -299,11 +314,12 @@ def start_at_rim(V, F, offsets, star, rim, bias, d, g, fixed):
                         b = after[a] if direction == 0 else before[a]
                         if b < 0:
                             break
-                        x, w = _to_segment(V[v], V[a], V[b], foot)
-                        value = x + (1.0 - w) * bias[a] + w * bias[b]
-                        if value < d[v]:
-                            d[v] = value
+                        x, w = _to_segment(V[v], V[a], V[b], foot, 0.0)
+                        if x < d[v]:
+                            d[v] = x
                             fixed[v] = True
+                            for m in range(carried.shape[1]):
+                                carried[v, m] = (1.0 - w) * carried[a, m] + w * carried[b, m]
                             if x > 1e-12:
                                 for m in range(3):
                                     g[v, m] = (V[v, m] - foot[m]) / x
@@ -341,7 +357,7 @@ def start_at_zero(V, F, f, d, g, fixed):
             ll += (ends[1, m] - ends[0, m]) ** 2
         for c in range(3):
             v = F[t, c]
-            x, w = _to_segment(V[v], ends[0], ends[1], foot)
+            x, w = _to_segment(V[v], ends[0], ends[1], foot, 1e6)
             if x < d[v]:
                 d[v] = x
                 fixed[v] = True

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,12 +21,21 @@ from vega_planner.datatypes import (
 from vega_planner.parallel import map_threads
 from vega_planner.progress import Progress, Report, silent
 from vega_planner.settings import ToolpathSettings
-from vega_planner.toolpaths.bead import fill_spacing, fill_width
+from vega_planner.toolpaths.bead import (
+    fill_spacing,
+    fill_width,
+    lean,
+    leaning_section,
+    section_area,
+)
 from vega_planner.toolpaths.contour import contour_lines
-from vega_planner.toolpaths.isolines import AXIS, CELL, POSITION, THICKNESS
+from vega_planner.toolpaths.isolines import AXIS, CELL, NORMAL, POSITION, THICKNESS, Line
 from vega_planner.toolpaths.linking import Pass, link_lines, link_loops
-from vega_planner.toolpaths.planar import concentric_lines
+from vega_planner.toolpaths.planar import concentric_lines, is_flat, parallel_lines
 from vega_planner.toolpaths.polyline_kernels import resample
+from vega_planner.toolpaths.rim import Ground, ground_of
+from vega_planner.toolpaths.smoothing_kernels import smooth_axes, without_crowding
+from vega_planner.toolpaths.spiral import spiral_passes
 from vega_planner.toolpaths.surface import connect
 from vega_planner.toolpaths.travel import TravelPlanner
 from vega_planner.toolpaths.zigzag import zigzag_lines
@@ -37,9 +47,19 @@ if TYPE_CHECKING:
 #: they are at most, and how far the axis turns from one to the next at most.
 CHORD_MM, STEP_MM, TURN_DEG = 0.008, 1.0, 3.0
 
+#: Points of a line that are nearer than this are one; the nozzle's direction is averaged
+#: along the pass with this standard deviation.
+CROWDED_MM, CALM_MM = 0.03, 1.0
+
 #: The seam, where loops start, moves on by this from one patch to the next but one, so
 #: that seams do not pile up and the way to the next start stays short.
 _SEAM_TURN_DEG = 25.0
+
+#: The flow of a patch is changed by at most this part to get its volume right.
+_MOST_BALANCE = 0.03
+
+#: The layers below the outermost one give at most this much of their flow to it.
+_LEAST_INNER_FLOW = 0.95
 
 
 def lay_toolpaths(
@@ -62,18 +82,25 @@ def lay_toolpaths(
         Passes in print order with the moves between them.
     """
     flat = stack.engine == "planar"
+    ground = ground_of(_plate(cell), cell.substrate)
+    skin = skin_overlap(patches, stack, settings.skin_overlap_ratio)
     work = list(enumerate(patches))
-    passes: list[list[Pass]] = []
+    passes: list[tuple[list[Pass], bool]] = []
     chunk = 8
     for start in range(0, len(work), chunk):
         report(Progress("toolpaths", 0.8 * start / max(len(work), 1), detail="passes"))
         passes += map_threads(
-            lambda item: patch_passes(item[1], item[0], flat, settings, _plate(cell)),
+            lambda item: patch_passes(
+                item[1], item[0], flat, settings, ground, *skin.of(item[1].layer)
+            ),
             work[start : start + chunk],
         )
     report(Progress("toolpaths", 0.8, detail="travel"))
-    paths = _in_order(passes, patches, settings)
+    paths = _in_order([found for found, _ in passes], patches, settings)
     moves, warnings = _moves(paths, cell, report)
+    loops = sum(not nested for _, nested in passes)
+    if loops:
+        warnings += (f"{loops} patches are no single nest of loops: loops instead of a spiral",)
     return ToolpathSet(tuple(paths), tuple(moves), warnings)
 
 
@@ -81,44 +108,149 @@ def _plate(cell: Workcell) -> float:
     return float(cell.placement.plate_z_mm)
 
 
+@dataclass(frozen=True)
+class Skin:
+    """Overlap of the outermost layer's lines, and the flow below it that pays for it.
+
+    Attributes:
+        layer: Index of the outermost layer; -1 where no layer is treated apart.
+        overlap: Part of the spacing by which its lines lie closer.
+        flow: Factor on the flow of all other layers.
+    """
+
+    layer: int
+    overlap: float
+    flow: float
+
+    def of(self, layer: int) -> tuple[float, float]:
+        """Overlap and flow of a layer."""
+        if layer == self.layer:
+            return self.overlap, 1 / (1 - self.overlap)
+        return 0.0, self.flow
+
+
+def skin_overlap(patches: tuple[Patch, ...], stack: LayerStack, overlap: float) -> Skin:
+    """Find how the other layers pay for the overlap of the outermost one.
+
+    The groove between two beads is as deep as their sides are round. On the surface
+    that is seen, lines lie closer; the volume that this adds is taken off the layers
+    below, so that the part's volume stays right.
+
+    Args:
+        patches: What is printed.
+        stack: The layers; planar ones have no outermost one.
+        overlap: Wanted overlap.
+    """
+    if stack.engine == "planar" or not stack.layers:
+        return Skin(-1, 0.0, 1.0)
+    whole = sum(float(patch.area * np.median(patch.thickness)) for patch in patches)
+    outer = sum(
+        float(patch.area * np.median(patch.thickness)) for patch in patches if patch.layer == 0
+    )
+    if whole - outer <= 0 or outer <= 0:
+        return Skin(-1, 0.0, 1.0)
+    added = min(outer * overlap / (1 - overlap), (1 - _LEAST_INNER_FLOW) * (whole - outer))
+    return Skin(0, added / (outer + added), 1 - added / (whole - outer))
+
+
 def patch_passes(
-    patch: Patch, index: int, flat: bool, settings: ToolpathSettings, plate_z_mm: float
-) -> list[Pass]:
+    patch: Patch,
+    index: int,
+    flat: bool,
+    settings: ToolpathSettings,
+    ground: Ground,
+    overlap: float = 0.0,
+    flow: float = 1.0,
+) -> tuple[list[Pass], bool]:
     """Lay the passes of one patch.
 
     Args:
         patch: The patch.
         index: Its place in the print order, which turns zigzag lines and the seam.
-        flat: Whether it belongs to a planar stack.
+        flat: Whether it belongs to a planar stack, with walls inside the outline.
         settings: Pattern, spacing and linking.
-        plate_z_mm: Height of the plate [mm].
+        ground: What a rim may stand on.
+        overlap: Part of the spacing by which lines lie closer.
+        flow: Factor on the width of the strips they fill.
 
     Returns:
-        Passes, thinned out to the points the path needs.
+        Passes, thinned out to the points the path needs, and False where a spiral was
+        wanted but the loops are not nested, so that they stay loops.
     """
     thickness = float(np.median(patch.thickness))
-    spacing = fill_spacing(settings.width_mm, thickness)
+    spacing = (1 - overlap) * fill_spacing(settings.width_mm, thickness)
     longest = settings.link_ratio * settings.width_mm
     seam = math.radians(_SEAM_TURN_DEG * (index // 2))
     toward = np.array([math.cos(seam), math.sin(seam), 0.0])
     surface = connect(patch)
+    nested = True
     euclidean = settings.spacing == "euclidean"
-    if flat and settings.pattern != "zigzag":
-        lines = concentric_lines(surface, patch, spacing)
+    if settings.pattern != "zigzag" and (flat or is_flat(patch)):
+        lines = concentric_lines(surface, patch, spacing, inside=flat)
+        lines = [_scaled(line, flow) for line in lines]
         found = link_loops(lines, spacing, longest, toward)
     elif settings.pattern == "zigzag":
         angle = settings.angle_deg + 90.0 * (patch.layer % 2)
-        loops, lines, guides = zigzag_lines(surface, patch, spacing, angle, euclidean=euclidean)
+        if flat:
+            loops, lines, guides = parallel_lines(surface, patch, spacing, angle)
+        else:
+            loops, lines, guides = zigzag_lines(
+                surface, patch, spacing, angle, ground=ground, euclidean=euclidean
+            )
+        lines = [_scaled(line, flow) for line in lines]
         found = link_lines(loops, lines, guides, spacing, longest, toward)
     else:
-        lines, used = contour_lines(surface, patch, spacing, euclidean=euclidean)
-        found = link_loops(lines, used, longest, toward)
+        lines, used = contour_lines(surface, patch, spacing, ground=ground, euclidean=euclidean)
+        lines = [_scaled(line, flow) for line in lines]
+        turns = None
+        if settings.pattern == "spiral":
+            turns = spiral_passes(lines, used, longest, toward)
+            nested = turns is not None
+        found = turns or link_loops(lines, used, longest, toward)
     cosine = math.cos(math.radians(TURN_DEG))
-    return [
-        Pass(resample(item.rows, CHORD_MM, STEP_MM, cosine), item.closed)
+    thinned = [
+        Pass(resample(_calm(item), CHORD_MM, STEP_MM, cosine), item.closed)
         for item in found
         if len(item.rows) >= 2
     ]
+    return (thinned if euclidean else _balanced(thinned, patch, flow, settings)), nested
+
+
+def _balanced(
+    passes: list[Pass], patch: Patch, flow: float, settings: ToolpathSettings
+) -> list[Pass]:
+    """Scale the flow of a patch a little, so that its passes deposit its volume.
+
+    What cannot be filled where it is missing (the wedge between a rim and the plate, a
+    sharp corner) is pressed there by what lies around it.
+    """
+    wanted = flow * float(patch.face_areas @ patch.thickness[patch.faces].mean(1))
+    laid = 0.0
+    for item in passes:
+        area = section_area(_width(item.rows, settings), item.rows[:, THICKNESS])
+        step = np.linalg.norm(np.diff(item.rows[:, POSITION], axis=0), axis=1)
+        laid += float((0.5 * (area[1:] + area[:-1]) * step).sum())
+    factor = float(np.clip(wanted / max(laid, 1e-9), 1 - _MOST_BALANCE, 1 + _MOST_BALANCE))
+    balanced = []
+    for item in passes:
+        rows = item.rows.copy()
+        rows[:, CELL] *= factor
+        balanced.append(Pass(rows, item.closed))
+    return balanced
+
+
+def _scaled(line: Line, flow: float) -> Line:
+    """Change the flow of a line, unless it is the one at the rim, which has its place."""
+    if line.level == 0 and flow > 1:
+        return line
+    rows = line.rows.copy()
+    rows[:, CELL] *= flow
+    return replace(line, rows=rows)
+
+
+def _calm(item: Pass) -> Floats:
+    rows = without_crowding(item.rows, CROWDED_MM)
+    return smooth_axes(rows, AXIS.start, CALM_MM, item.closed)
 
 
 def _in_order(
@@ -147,11 +279,18 @@ def _toolpath(
     rows: Floats, closed: bool, patch: int, layer: int, settings: ToolpathSettings
 ) -> Toolpath:
     height = rows[:, THICKNESS]
-    nominal = fill_spacing(settings.width_mm, float(np.median(height)))
-    width = fill_width(rows[:, CELL], height, nominal)
+    width = _width(rows, settings)
+    leaning = lean(rows[:, POSITION], rows[:, AXIS], rows[:, NORMAL])
+    width, height = leaning_section(width, height, leaning)
     return Toolpath(
         rows[:, POSITION], rows[:, AXIS], width, height, patch=patch, layer=layer, closed=closed
     )
+
+
+def _width(rows: Floats, settings: ToolpathSettings) -> Floats:
+    height = rows[:, THICKNESS]
+    nominal = fill_spacing(settings.width_mm, float(np.median(height)))
+    return fill_width(rows[:, CELL], height, nominal)
 
 
 def _moves(

@@ -6,6 +6,9 @@ This is the planar baseline. The outer side of the first wall lies on the outlin
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
 import numpy as np
 
 from vega_planner.datatypes import Floats, Patch
@@ -14,12 +17,21 @@ from vega_planner.toolpaths.isolines import (
     AXIS,
     CELL,
     COLUMNS,
+    NORMAL,
     POSITION,
     RIM,
     THICKNESS,
     Line,
 )
+from vega_planner.toolpaths.polyline_kernels import line_length, middle_line
 from vega_planner.toolpaths.surface import Surface
+
+#: Lines end this far inside the outline, in spacings: room for the wall, and for the
+#: links that every second end carries.
+_LINK_ROOM = 1.35
+
+#: A strip narrower than twice this, in spacings, gets one line instead of two walls.
+_TWO_WALLS = 0.65
 
 
 def outline(surface: Surface) -> list[Floats]:
@@ -41,54 +53,126 @@ def outline(surface: Surface) -> list[Floats]:
     return loops
 
 
-def concentric_lines(surface: Surface, patch: Patch, spacing: float) -> list[Line]:
+def region(surface: Surface) -> Any:
+    """Make the polygons of a flat patch (shapely geometry)."""
+    import shapely
+
+    rings = [shapely.Polygon(loop) for loop in outline(surface)]
+    shape: Any = shapely.Polygon()
+    for ring in sorted(rings, key=lambda ring: -ring.area):
+        if ring.area > 1e-6:
+            shape = shape.symmetric_difference(ring.buffer(0))
+    return shape
+
+
+def parallel_lines(
+    surface: Surface, patch: Patch, spacing: float, angle_deg: float
+) -> tuple[list[Line], list[Line], list[Line]]:
+    """Lay a wall along the outline and straight lines inside it.
+
+    Args:
+        surface: Connectivity of the patch.
+        patch: A flat patch, normals along z.
+        spacing: Distance between lines [mm].
+        angle_deg: Direction of the lines about z [deg].
+
+    Returns:
+        The walls, the lines, and the curves that links between lines follow.
+    """
+    import shapely
+
+    shape = region(surface)
+    height = float(patch.vertices[:, 2].mean())
+    thickness = float(patch.thickness.mean())
+    inset = 0.5 * spacing + 0.5 * ROUNDING * thickness
+    walls = [
+        _line(ring, True, 0, height, thickness, spacing) for ring in _rings(_offset(shape, -inset))
+    ]
+    inside = _offset(shape, -_LINK_ROOM * spacing)
+    if inside.is_empty:
+        return concentric_lines(surface, patch, spacing), [], []
+    guides = [_line(ring, True, 0, height, thickness, spacing) for ring in _rings(inside)]
+    angle = math.radians(angle_deg)
+    along = np.array([math.cos(angle), math.sin(angle)])
+    across = np.array([-along[1], along[0]])
+    corners = np.asarray(shapely.get_coordinates(_offset(shape, -spacing)))
+    low, high = (corners @ across).min(), (corners @ across).max()
+    first, last = (corners @ along).min() - 1, (corners @ along).max() + 1
+    count = max(1, math.ceil((high - low) / (1.01 * spacing)))
+    step = (high - low) / count
+    lines = []
+    for level in range(count):
+        offset = low + (level + 0.5) * step
+        cut = shapely.LineString([first * along + offset * across, last * along + offset * across])
+        for piece in getattr(cut.intersection(inside), "geoms", [cut.intersection(inside)]):
+            if piece.geom_type == "LineString" and piece.length > 0.5 * spacing:
+                points = np.asarray(piece.coords)
+                lines.append(_line(points, False, level, height, thickness, step))
+    return walls, lines, guides
+
+
+def _offset(shape: Any, distance: float) -> Any:
+    """Grow a region, or shrink it below zero, with sharp corners."""
+    # the corner arithmetic divides by zero where edges turn back, and copes with it
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return shape.buffer(distance, join_style="mitre")
+
+
+def is_flat(patch: Patch) -> bool:
+    """Tell whether a patch is horizontal and printed upright."""
+    return bool(np.ptp(patch.vertices[:, 2]) < 1e-3 and patch.tool_axes[:, 2].min() > 1 - 1e-9)
+
+
+def concentric_lines(
+    surface: Surface, patch: Patch, spacing: float, *, inside: bool = True
+) -> list[Line]:
     """Lay loops from the outline inwards, and centre lines where no loop fits.
 
     Args:
         surface: Connectivity of the patch.
         patch: A flat patch, normals along z.
         spacing: Distance between walls [mm].
+        inside: Keep the first wall inside the outline; else it is half a spacing from
+            it, so that its round side stands out as much as it lacks.
 
     Returns:
         Lines by level, the outermost first.
     """
-    import shapely
-
-    rings = [shapely.Polygon(loop) for loop in outline(surface)]
-    rings = [ring for ring in rings if ring.area > 1e-6]
-    shape = shapely.Polygon()
-    for ring in sorted(rings, key=lambda ring: -ring.area):
-        shape = shape.symmetric_difference(ring.buffer(0))
+    shape = region(surface)
     height = float(patch.vertices[:, 2].mean())
     thickness = float(patch.thickness.mean())
     lines: list[Line] = []
     left, level = shape, 0
     # The round side of the first wall touches the outline; what it lacks there, it has
     # too much of towards the second wall.
-    inset = 0.5 * spacing + 0.5 * ROUNDING * thickness
+    inset = 0.5 * spacing + (0.5 * ROUNDING * thickness if inside else 0.0)
     while not left.is_empty:
-        middle = left.buffer(-inset, join_style="mitre")
-        # what this wall does not reach, nor the next one
-        covered = middle.buffer(inset + 1e-6, join_style="mitre")
-        for ring in _rings(middle):
-            lines.append(_line(ring, True, level, height, thickness, spacing))
-        for strip in _polygons(left.difference(covered)):
-            row = _centre_line(strip, spacing)
-            if row is not None:
-                points, cell = row
-                lines.append(_line(points, False, level, height, thickness, cell))
-        left = left.buffer(-spacing, join_style="mitre")
-        inset = 0.5 * spacing
-        level += 1
+        # two walls side by side need room; a narrower place gets one line in its middle
+        need = max(_TWO_WALLS * spacing, inset)
+        wide = _offset(_offset(left, -need), need)
+        walls = _offset(wide.intersection(left), -inset)
+        covered = _offset(walls, inset + 1e-6)
+        strips = [_strip_line(strip, spacing) for strip in _polygons(left.difference(covered))]
+        found = [strip for strip in strips if strip is not None]
+        rest = _offset(wide, -spacing)
+        rings = _rings(walls)
+        taken = sum(cell * _length(points, closed) for points, closed, cell in found)
+        length = sum(_length(ring, True) for ring in rings)
+        cell = (left.area - rest.area - taken) / max(length, 1e-9)
+        for ring in rings:
+            lines.append(_line(ring, True, level, height, thickness, cell))
+        for points, closed, width in found:
+            lines.append(_line(points, closed, level, height, thickness, width))
+        left, inset, level = rest, 0.5 * spacing, level + 1
     return lines
 
 
-def _polygons(shape: object) -> list:
+def _polygons(shape: Any) -> list[Any]:
     parts = getattr(shape, "geoms", [shape])
     return [part for part in parts if part.geom_type == "Polygon" and not part.is_empty]
 
 
-def _rings(shape: object) -> list[Floats]:
+def _rings(shape: Any) -> list[Floats]:
     """Outer and inner rings, material to their left."""
     import shapely
 
@@ -109,20 +193,43 @@ def _line(
     rows[:, THICKNESS] = thickness
     rows[:, CELL] = cell
     rows[:, RIM] = 0.0
+    rows[:, NORMAL] = (0.0, 0.0, 1.0)
     return Line(rows, level, closed, 0)
 
 
-def _centre_line(strip: object, spacing: float) -> tuple[Floats, float] | None:
-    """Draw a line through a thin strip: its points and the strip's mean width."""
-    from vega_planner.toolpaths.polyline_kernels import line_length, middle_line
+def _length(points: Floats, closed: bool) -> float:
+    return float(line_length(np.column_stack([points, np.zeros(len(points))]), closed))
 
-    area, border = strip.area, strip.length  # type: ignore[attr-defined]
+
+def _strip_line(strip: Any, spacing: float) -> tuple[Floats, bool, float] | None:
+    """Draw a line along a thin strip.
+
+    Returns:
+        Points, whether they close, and the mean width of the strip; None where it is
+        too small for a line.
+    """
+    area = strip.area
     if area < 0.15 * spacing**2:
         return None
-    ring = np.asarray(strip.exterior.segmentize(0.25 * spacing).coords)[:-1]  # type: ignore[attr-defined]
-    ring = np.column_stack([ring, np.zeros(len(ring))])
-    rows = middle_line(ring)
+    if strip.interiors:
+        for part in _polygons(_offset(strip, -0.6 * area / strip.length)):
+            if part.interiors:
+                points = _outer_ring(part)
+                return points, True, area / _length(points, True)
+    ring = np.asarray(strip.exterior.segmentize(0.25 * spacing).coords)[:-1]
+    rows = middle_line(np.column_stack([ring, np.zeros(len(ring))]))
     length = float(line_length(rows, False))
-    if length < 0.3 * spacing or border < spacing:
+    if length < 0.8 * spacing or area / length < 0.25 * spacing:
         return None
-    return rows[:, :2], area / length
+    # the ends turn into corners of the strip; the bead's own end reaches that far
+    step = np.linalg.norm(np.diff(rows, axis=0), axis=1)
+    walked = np.concatenate([[0.0], np.cumsum(step)])
+    inner = (walked >= 0.5 * area / length) & (walked <= length - 0.5 * area / length)
+    if inner.sum() < 2:
+        return None
+    points = rows[inner, :2]
+    return points, False, area / max(_length(points, False), 1e-9)
+
+
+def _outer_ring(part: Any) -> Floats:
+    return np.asarray(part.exterior.coords)[:-1]

@@ -288,3 +288,31 @@ def resample(rows, chord, step, cosine):
             for c in range(3, 6):
                 out[q, c] /= h
     return out
+
+
+@njit(nogil=True, cache=True)
+def slide(rows, target):
+    """Move an open turn over to the next loop, evenly along its length.
+
+    Args:
+        rows: The turn, from its start on one loop, shape (n, c).
+        target: The next loop, first row not repeated, shape (k, c).
+
+    Returns:
+        Rows that begin on the turn and end on the loop, shape (n, c).
+    """
+    n, width = rows.shape
+    k = target.shape[0]
+    total = max(line_length(rows, False), 1e-12)
+    out = np.empty((n, width))
+    walked = 0.0
+    for q in range(n):
+        if q > 0:
+            walked += _gap(rows[q - 1], rows[q])
+        u = walked / total
+        _, segment, place = nearest_on(target, True, rows[q])
+        after = (segment + 1) % k
+        for c in range(width):
+            b = (1.0 - place) * target[segment, c] + place * target[after, c]
+            out[q, c] = (1.0 - u) * rows[q, c] + u * b
+    return out

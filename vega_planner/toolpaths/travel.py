@@ -28,8 +28,13 @@ _STEP_MM, _TURN_RAD = 3.0, math.radians(5.0)
 class ToolProfile(Protocol):
     """Radius of a tool against the distance behind its tip."""
 
-    distance: Floats
-    radius: Floats
+    @property
+    def distance(self) -> Floats:
+        """Distances behind the tip [mm], rising from 0, shape (k,)."""
+
+    @property
+    def radius(self) -> Floats:
+        """Radii there [mm], shape (k,)."""
 
 
 def slerp(a: Floats, b: Floats, w: Floats) -> Floats:

@@ -10,8 +10,9 @@ import numpy as np
 
 from vega_planner.datatypes import Floats, Patch
 from vega_planner.toolpaths.contour import contour_lines
-from vega_planner.toolpaths.distance import from_guide, from_rim
+from vega_planner.toolpaths.distance import from_guide
 from vega_planner.toolpaths.isolines import (
+    CELL,
     RIM,
     Line,
     isolines,
@@ -19,6 +20,7 @@ from vega_planner.toolpaths.isolines import (
     vertex_values,
 )
 from vega_planner.toolpaths.polyline_kernels import keep_inside, line_length
+from vega_planner.toolpaths.rim import Ground, measure_rim
 from vega_planner.toolpaths.surface import Surface
 
 #: Room of a line to the rim, in spacings: along the rim it may touch the rim's loop,
@@ -62,7 +64,7 @@ def zigzag_lines(
     spacing: float,
     angle_deg: float,
     *,
-    bias: Floats | None = None,
+    ground: Ground | None = None,
     euclidean: bool = False,
 ) -> tuple[list[Line], list[Line], list[Line]]:
     """Lay a loop along the rim and parallel lines inside it.
@@ -72,7 +74,7 @@ def zigzag_lines(
         patch: The patch.
         spacing: Wanted spacing [mm].
         angle_deg: Direction of the lines about z [deg].
-        bias: As for `contour_lines`.
+        ground: As for `contour_lines`.
         euclidean: Keep the distance between parallel planes, not on the surface.
 
     Returns:
@@ -81,19 +83,19 @@ def zigzag_lines(
     loops: list[Line] = []
     guides: list[Line] = []
     has_rim = len(surface.rim_edges) > 0
+    room = np.full(len(surface.vertices), 3 * spacing)
     if has_rim:
-        rim_distance, _ = from_rim(surface, bias, limit=3 * spacing)
-        rim_distance = np.minimum(rim_distance, 3 * spacing)
-        if float(rim_distance.max()) < 1.6 * spacing:
-            return contour_lines(surface, patch, spacing, bias=bias)[0], [], []
-    else:
-        rim_distance = np.full(len(surface.vertices), 3 * spacing)
+        rim = measure_rim(surface, patch, spacing, ground, limit=3 * spacing)
+        room = np.minimum(rim.distance - rim.filled + spacing, room)
+        if float(room.max()) < 1.6 * spacing:
+            return contour_lines(surface, patch, spacing, ground=ground)[0], [], []
+        levels = off_levels(np.minimum(rim.levels(spacing), 3.0))
+        values = vertex_values(patch, rim.cells(spacing), room)
+        loops = isolines(surface, levels, values, 0)
+        guides = isolines(surface, off_levels(room / spacing - _ACROSS), values, 0)
     guide = guide_field(surface, patch, angle_deg)
     distance = guide if euclidean else from_guide(surface, guide)
-    values = vertex_values(patch, spacing, rim_distance)
-    if has_rim:
-        loops = isolines(surface, off_levels(rim_distance / spacing - 0.5), values, 0)
-        guides = isolines(surface, off_levels(rim_distance / spacing - _ACROSS), values, 0)
+    values = vertex_values(patch, spacing, room)
     lines: list[Line] = []
     start = 0
     for piece in range(surface.component_count):
@@ -107,7 +109,7 @@ def zigzag_lines(
         found = isolines(surface, off_levels(field), values, math.ceil(field.max()))
         for line in found:
             rows = line.rows
-            rows[:, -2] = step
+            rows[:, CELL] = step
             lines += _inside(replace(line, level=line.level + start), spacing, has_rim)
         start += count + 2
     return loops, lines, guides
@@ -130,6 +132,6 @@ def _inside(line: Line, spacing: float, has_rim: bool) -> list[Line]:
         if after > 0:
             part.append(rows[j : j + 1] + after * (rows[j + 1 : j + 2] - rows[j : j + 1]))
         new = np.concatenate(part)
-        if len(new) >= 2 and line_length(new, False) > 0.5 * spacing:
+        if len(new) >= 2 and line_length(new, False) > 1.5 * spacing:
             kept.append(replace(line, rows=new, closed=False))
     return kept

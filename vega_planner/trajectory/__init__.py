@@ -2,5 +2,6 @@
 """Stage 7: toolpaths to a timed joint trajectory with dispensing."""
 
 from vega_planner.trajectory.make_trajectory import make_trajectory
+from vega_planner.trajectory.no_motion import no_motion
 
-__all__ = ["make_trajectory"]
+__all__ = ["make_trajectory", "no_motion"]

@@ -26,10 +26,11 @@ def step_time(a, b, velocity, endless):
 
 
 @njit(nogil=True, cache=True)
-def cheapest_row(q, valid, node_cost, velocity, endless, allowed, jump_cost, choice):
+def cheapest_row(q, valid, node_cost, velocity, endless, allowed, jump_cost, stiffness, choice):
     """Viterbi: one candidate per pose so that the summed time is smallest.
 
-    A step that takes longer than `allowed[i]` from pose i to i + 1 is a jump and costs
+    `stiffness` [1/s] times the squared time of each step is added: it spreads the motion. A
+    step that takes longer than `allowed[i]` from pose i to i + 1 is a jump and costs
     `jump_cost[i]` more. Fills choice (n,); returns the cost, NEVER where a pose has none.
     """
     n, count, _ = q.shape
@@ -48,7 +49,7 @@ def cheapest_row(q, valid, node_cost, velocity, endless, allowed, jump_cost, cho
                 if cost[b] >= NEVER:
                     continue
                 time = step_time(q[i - 1, b], q[i, c], velocity, endless)
-                total = cost[b] + time
+                total = cost[b] + time + stiffness * time * time
                 if time > allowed[i - 1]:
                     total += jump_cost[i - 1]
                 if total < best[c]:

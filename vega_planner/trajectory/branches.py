@@ -45,7 +45,13 @@ def with_turns(solutions: IKSolutions, robot: Robot) -> IKSolutions:
 
 
 def continuous_path(
-    way: Waypoints, solutions: IKSolutions, robot: Robot, node_cost: Floats | None = None
+    way: Waypoints,
+    solutions: IKSolutions,
+    robot: Robot,
+    *,
+    node_cost: Floats | None = None,
+    rows: Ints | None = None,
+    room: Floats | None = None,
 ) -> tuple[Floats, Ints]:
     """Choose a configuration for each pose so that the arm moves least and never jumps.
 
@@ -54,22 +60,31 @@ def continuous_path(
         solutions: Candidates of each pose.
         robot: The robot.
         node_cost: Cost [s] of taking each candidate, shape (n, k).
+        rows: The poses to choose for, shape (m,); all when absent.
+        room: Turn [rad] that a step between consecutive rows may take in any case, (m - 1,).
 
     Returns:
-        Joint positions (n, j), and the intervals on travels at which the arm has to change
-        its configuration.
+        Joint positions (m, j), and the intervals between rows, on travels, at which the arm
+        has to change its configuration.
 
     Raises:
         Unreachable: If a pose has no candidate, or a pass cannot be printed without a jump.
     """
-    require_reached(way, np.asarray(solutions.valid.any(1)))
-    solutions = with_turns(solutions, robot)
+    if rows is None:
+        rows = np.arange(len(way.points))
+    reached = np.ones(len(way.points), np.bool_)
+    reached[rows] = solutions.valid[rows].any(1)
+    require_reached(way, reached)
+    solutions = with_turns(IKSolutions(solutions.candidates[rows], solutions.valid[rows]), robot)
     q, valid = solutions.candidates, solutions.valid
     endless = robot.chain.revolute & (robot.upper >= UNLIMITED)
-    step = np.diff(way.path)
-    turn = np.linalg.norm(np.diff(way.axes, axis=0), axis=1)
+    step = np.diff(way.path[rows])
+    turn = np.linalg.norm(np.diff(way.axes[rows], axis=0), axis=1)
     slowest = float(1.0 / robot.velocity[robot.chain.revolute].min())
-    allowed = slowest * np.maximum(_SMALLEST_JUMP, 3.0 * turn + _RADIANS_PER_METRE * step)
+    rest = np.zeros(len(step)) if room is None else room
+    allowed = slowest * np.maximum(
+        np.maximum(_SMALLEST_JUMP, rest), 3.0 * turn + _RADIANS_PER_METRE * step
+    )
     choice = np.zeros(len(q), np.int64)
     kernels.cheapest_row(
         q,
@@ -78,7 +93,8 @@ def continuous_path(
         robot.velocity,
         endless,
         allowed,
-        jump_costs(way),
+        jump_costs(way)[rows[:-1]],
+        0.0,
         choice,
     )
     path = q[np.arange(len(q)), choice]
@@ -91,9 +107,10 @@ def continuous_path(
         ],
         dtype=np.int64,
     )
-    bad = jumps[way.printing[jumps]] if len(jumps) else jumps
+    bad = jumps[way.printing[rows[jumps]]]
     if len(bad):
-        raise _jump_error(way, path, robot, int(bad[0]))
+        at = int(bad[0])
+        raise _jump_error(way, path[at : at + 2], robot, int(rows[at]))
     return path, jumps
 
 
@@ -131,8 +148,8 @@ def jump_costs(way: Waypoints) -> Floats:
     return cost
 
 
-def _jump_error(way: Waypoints, path: Floats, robot: Robot, at: int) -> Unreachable:
-    change = np.abs(path[at + 1] - path[at])
+def _jump_error(way: Waypoints, step: Floats, robot: Robot, at: int) -> Unreachable:
+    change = np.abs(step[1] - step[0])
     joint = int(np.argmax(change / robot.velocity))
     error = Unreachable(
         f"{segment_name(way, at)} cannot be printed in one go: joint "

@@ -10,8 +10,9 @@ from vega_planner.progress import Progress, Report, silent
 from vega_planner.robot.robot import Robot
 from vega_planner.robot.workcell import Workcell
 from vega_planner.settings import TrajectorySettings
+from vega_planner.trajectory.closed_form_path import ClosedFormPath
 from vega_planner.trajectory.dispensing import switching_times
-from vega_planner.trajectory.joint_path import ClosedFormSolver, JointPath, PathSolver, joint_path
+from vega_planner.trajectory.joint_path import JointPath, PathSolver, joint_path
 from vega_planner.trajectory.time_law import Timing, time_path
 from vega_planner.trajectory.waypoints import knots_for_timing, refined, waypoints_of
 from vega_planner.units import mm_to_m
@@ -56,12 +57,10 @@ def make_trajectory(
     speed = mm_to_m(speed.astype(np.float64))
     way, _ = refined(
         way,
-        *knots_for_timing(
-            way, speed[way.segment[:-1]], 0.5 * PATH_TOLERANCE, _LAYOUT_ACCELERATION
-        ),
+        *knots_for_timing(way, speed[way.segment[:-1]], PATH_TOLERANCE, _LAYOUT_ACCELERATION),
     )
     report(Progress("trajectory", 0.1))
-    path = joint_path(way, robot, path_solver(robot), PATH_TOLERANCE)
+    path = joint_path(way, robot, path_solver(robot, mm_to_m(settings.speed_mm_s)), PATH_TOLERANCE)
     report(Progress("trajectory", 0.7))
     speeds = np.where(
         path.reconfigures,
@@ -79,9 +78,13 @@ def make_trajectory(
     return result
 
 
-def path_solver(robot: Robot) -> PathSolver:
+def path_solver(robot: Robot, speed: float) -> PathSolver:
     """Choose the inverse kinematics along a path: closed form where there is one."""
-    return ClosedFormSolver(robot)
+    if robot.closed_form is not None:
+        return ClosedFormPath(robot, speed)
+    from vega_planner.trajectory.free_turn_path import FreeTurnPath
+
+    return FreeTurnPath(robot)
 
 
 def _assembled(path: JointPath, timing: Timing, cell: Workcell, speed: float) -> PrintTrajectory:

@@ -21,7 +21,9 @@ from vega_planner.trajectory.joint_path import JointPath
 VELOCITY_SHARE = 0.98
 ACCELERATION_SHARE = 0.9
 #: Rounds in which places that exceed a limit between the samples are slowed.
-_ROUNDS = 12
+_ROUNDS = 16
+#: Neighbours that accelerate less beside such a place.
+_SPREAD = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,11 +105,17 @@ def _within_limits(
         over = np.maximum(ratio[:, 0] ** 2, ratio[:, 1])
         if over.max() <= 1.0:
             break
-        ease = np.ones(len(s))
-        factor = np.where(over > 1.0, 0.9 / over, 1.0)
-        ease[:-1] = factor
-        ease[1:] = np.minimum(ease[1:], factor)
-        share *= ease
+        factor = np.where(over > 1.0, 0.97 / over, 1.0)
+        ease = np.minimum(np.append(factor, 1.0), np.append(1.0, factor))
         speed = np.minimum(speed, np.where(ease < 1.0, x * np.sqrt(ease), speed))
+        # less acceleration on both sides too, or the excess only moves to the neighbour
+        for _ in range(_SPREAD):
+            ease[1:] = np.minimum(ease[1:], 0.5 + 0.5 * ease[:-1])
+            ease[:-1] = np.minimum(ease[:-1], 0.5 + 0.5 * ease[1:])
+        share *= ease
         speed = np.maximum(speed, 1e-6)
+    worst = float(over.max())
+    if worst > 1.0:  # as a last resort the whole segment is slowed
+        stretch = np.sqrt(worst) * (1.0 + 1e-9)
+        t, v, x = t * stretch, v / stretch, x / stretch
     return t, v, x

@@ -1,0 +1,205 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Measure the viewer with a large plan in a browser without a graphics card.
+
+Prints JSON: seconds to the first picture, to load 20 layers of 10,000 triangles with
+200,000 waypoints, frames per second while turning, answers to slider and click, and the
+memory of the server. The browser runs at 800 x 600.
+
+    python bench/viewer.py [--out FILE]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path[:0] = [str(ROOT), str(ROOT / "bench"), str(ROOT / "tools")]
+
+import sample_plan
+import setup_browser
+from playwright.sync_api import sync_playwright
+
+from vega_planner.viewer.picking import first_hit
+from vega_planner.viewer.server import open_viewer
+
+#: Counts pictures from inside the page, and the most corners that one picture was made of.
+WATCH = """
+  window.__frames = 0; window.__corners = 0; window.__most = 0;
+  const proto = WebGL2RenderingContext.prototype;
+  const clear = proto.clear;
+  proto.clear = function(mask) {
+    window.__frames++;
+    window.__most = Math.max(window.__most, window.__corners);
+    window.__corners = 0;
+    return clear.call(this, mask);
+  };
+  for (const name of ['drawElements', 'drawArrays']) {
+    const draw = proto[name];
+    proto[name] = function(...words) {
+      window.__corners += name === 'drawElements' ? words[1] : words[2];
+      return draw.apply(this, words);
+    };
+  }
+"""
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--out")
+    options = parser.parse_args()
+    path = setup_browser.find_browser()
+    if not path:
+        raise SystemExit("no Chromium found; run tools/setup_browser.py")
+    figures = {}
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
+        plan = sample_plan.write_sample(Path(folder) / "plan")
+        mesh = Path(folder) / "part.stl"
+        write_stl(mesh)
+        browser = playwright.chromium.launch(
+            executable_path=path, headless=True, args=list(setup_browser.FLAGS)
+        )
+        figures["first_picture_s"] = first_picture(browser, mesh)
+        figures |= large_plan(browser, plan)
+        figures |= clicks(browser, mesh)
+        browser.close()
+    text = json.dumps(figures, indent=2)
+    print(text)
+    if options.out:
+        Path(options.out).write_text(text + "\n")
+
+
+def write_stl(path):
+    import trimesh
+
+    vertices, faces = sample_plan.dome(30.0, 60, 90, closed=True)
+    trimesh.Trimesh(vertices, faces, process=False).export(path)
+
+
+def first_picture(browser, mesh):
+    """From the command to a drawn part in an open browser."""
+    page = browser.new_page(viewport={"width": 800, "height": 600})
+    began = time.perf_counter()
+    command = [sys.executable, "-m", "vega_planner.cli", "view", str(mesh), "--port", "0"]
+    code = "import sys; from vega_planner.cli import main; sys.exit(main())"
+    command = [sys.executable, "-c", code, *command[3:], "--no-browser"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT) as server:
+        try:
+            url = re.search(r"http://\S+", server.stdout.readline()).group()
+            page.add_init_script(WATCH)
+            page.goto(url)
+            wait_for_picture(page, 3 * 10_000)
+            return round(time.perf_counter() - began, 2)
+        finally:
+            page.close()
+            server.terminate()
+
+
+def wait_for_picture(page, corners):
+    """Until a picture of at least so many corners is complete and the next one has begun."""
+    page.wait_for_function(f"window.__most >= {corners}", polling=30, timeout=60_000)
+
+
+def large_plan(browser, plan):
+    """Load, turn and move the slider of a large plan."""
+    figures = {}
+    page = browser.new_page(viewport={"width": 800, "height": 600})
+    page.add_init_script(WATCH)
+    before = memory_mb()
+    began = time.perf_counter()
+    with open_viewer(str(plan), port=0) as (viewer, url):
+        viewer.load()
+        figures["read_plan_s"] = round(time.perf_counter() - began, 2)
+        page.goto(url)
+        wait_for_picture(page, 3 * 15_000 + 2 * 25_000)
+        figures["load_plan_s"] = round(time.perf_counter() - began, 2)
+        time.sleep(5)
+        for name, layers in (("whole", None), ("half_time", 0.5)):
+            if layers:
+                viewer.set_time(layers * viewer.result.timeline.duration_s)
+                time.sleep(2)
+            figures[f"turning_{name}_fps"] = turning(page)
+        duration = viewer.result.timeline.duration_s
+        answers = []
+        for time_s in np.random.default_rng(1).uniform(0, duration, 200):
+            start = time.perf_counter()
+            viewer.set_time(float(time_s))
+            answers.append(1e3 * (time.perf_counter() - start))
+            time.sleep(0.01)
+        figures["slider_ms_median"] = round(float(np.median(answers)), 1)
+        figures["slider_ms_p95"] = round(float(np.percentile(answers, 95)), 1)
+        figures["server_memory_mb"] = round(memory_mb())
+        figures["memory_before_mb"] = round(before)
+    page.close()
+    return figures
+
+
+def turning(page, seconds=6.0):
+    """Pictures per second while the mouse turns the view."""
+    page.mouse.move(250, 420)
+    page.mouse.down()
+    start, count = time.perf_counter(), page.evaluate("window.__frames")
+    step = 0
+    while time.perf_counter() - start < seconds:
+        step += 1
+        page.mouse.move(250 + 120 * np.sin(step / 6), 420 + 20 * np.cos(step / 6))
+        page.wait_for_timeout(30)
+    done = page.evaluate("window.__frames") - count
+    elapsed = time.perf_counter() - start
+    page.mouse.up()
+    return round(done / elapsed, 2)
+
+
+def clicks(browser, mesh):
+    """From a click's ray at the server to the region coloured and sent."""
+    page = browser.new_page(viewport={"width": 800, "height": 600})
+    with open_viewer(str(mesh), port=0) as (viewer, url):
+        viewer.load()
+        page.goto(url)
+        page.get_by_role("button", name="Plan").wait_for()
+        time.sleep(2)
+        part = viewer.part
+        viewer.picks.clear()
+        eye = 1000.0 * np.array(viewer._server.initial_camera.position)
+        target = np.array([0.0, 0.0, 15.0])
+        face = first_hit(eye, target - eye, part.vertices, part.faces).face
+        inside = []
+        for _ in range(9):
+            start = time.perf_counter()
+            viewer.click(eye, target - eye)
+            inside.append(1e3 * (time.perf_counter() - start))
+        outside = []
+        canvas = page.locator("canvas").first.bounding_box()
+        middle = canvas["x"] + canvas["width"] / 2, canvas["y"] + canvas["height"] / 2
+        for _ in range(5):
+            state = viewer.picks.faces[face]
+            start = time.perf_counter()
+            page.mouse.click(*middle)
+            while viewer.picks.faces[face] == state and time.perf_counter() - start < 5:
+                time.sleep(0.002)
+            outside.append(1e3 * (time.perf_counter() - start))
+            time.sleep(0.5)
+    page.close()
+    return {
+        "click_server_ms_median": round(float(np.median(inside)), 1),
+        "click_to_region_ms_median": round(float(np.median(outside)), 1),
+        "click_faces": len(part.faces),
+    }
+
+
+def memory_mb():
+    """Memory this process holds now."""
+    text = Path("/proc/self/status").read_text()
+    return int(re.search(r"VmRSS:\s+(\d+)", text).group(1)) / 1024
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,218 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A person's way through the viewer, in a real browser."""
+
+import numpy as np
+import pytest
+
+from vega_planner.units import mm_to_m
+from vega_planner.viewer import controls as panel
+from vega_planner.viewer.picking import first_hit
+
+
+def pixel_of(viewer, tab, point_mm):
+    """Where a point of the part frame is on the screen of a tab."""
+    client = list(viewer._server.get_clients().values())[-1]
+    camera = client.camera
+    w, x, y, z = camera.wxyz
+    rotation = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    seen = rotation.T @ (mm_to_m(np.asarray(point_mm)) - camera.position)
+    canvas = tab.page.locator("canvas").first.bounding_box()
+    scale = canvas["height"] / (2 * np.tan(camera.fov / 2))
+    return (
+        canvas["x"] + canvas["width"] / 2 + scale * seen[0] / seen[2],
+        canvas["y"] + canvas["height"] / 2 + scale * seen[1] / seen[2],
+    )
+
+
+def click_on(viewer, tab, point_mm, until):
+    client = list(viewer._server.get_clients().values())[-1]
+    until(lambda: _camera_known(client))
+    tab.page.mouse.click(*pixel_of(viewer, tab, point_mm))
+
+
+def _camera_known(client):
+    try:
+        return client.camera.update_timestamp > 0 and client.camera.image_height > 0
+    except AssertionError:
+        return False
+
+
+def visible_point(viewer, face_normal_like):
+    """A point of the part that is seen from the first view and faces that way."""
+    part = viewer.part
+    eye = 1000.0 * np.array(viewer._server.initial_camera.position)
+    for face in np.argsort(-(part.face_normals @ np.asarray(face_normal_like)), kind="stable"):
+        middle = part.vertices[part.faces[face]].mean(0)
+        hit = first_hit(eye, middle - eye, part.vertices, part.faces)
+        if hit is not None and hit.face == face:
+            return middle, int(face)
+    raise AssertionError("no such face is seen")
+
+
+@pytest.fixture
+def box(tmp_path):
+    """A box whose six sides are the smooth regions, as a mesh file."""
+    import trimesh
+
+    mesh = trimesh.creation.box((40.0, 30.0, 20.0)).subdivide().subdivide().subdivide()
+    path = tmp_path / "box.stl"
+    mesh.export(path)
+    path.with_suffix(".yaml").write_text('part:\n  brr: ["down"]\n')
+    return path
+
+
+def test_a_click_on_a_side_becomes_a_spec_that_selects_that_side_again(
+    open_tabs, box, until, tmp_path, monkeypatch
+):
+    """Click, see it coloured, read the SPEC, use the SPEC: the same faces."""
+    from vega_planner.part import load_part
+    from vega_planner.settings import PartSettings
+
+    monkeypatch.chdir(tmp_path)
+    with open_tabs(box) as (viewer, new_tab):
+        viewer.controls.preview.value = False
+        tab = new_tab()
+        tab.button("Plan").wait_for()
+        before = viewer.picks.faces.copy()
+        point, face = visible_point(viewer, (0, -1, 0.1))
+        click_on(viewer, tab, point, until)
+        until(lambda: viewer.picks.faces[face])
+        front = viewer.part.face_normals[:, 1] < -0.9
+        assert (viewer.picks.faces == before | front).all()
+        again = load_part(box, PartSettings(brr=viewer.picks.specs))
+        assert (again.restrained == viewer.picks.faces).all()
+        tab.says("--brr point:")
+        click_on(viewer, tab, point, until)
+        until(lambda: not viewer.picks.faces[face])
+        assert (viewer.picks.faces == before).all()
+
+
+def test_single_faces_go_into_a_file_that_the_command_names(
+    open_tabs, box, until, tmp_path, monkeypatch
+):
+    from vega_planner.part import load_part
+    from vega_planner.settings import PartSettings
+
+    monkeypatch.chdir(tmp_path)
+    with open_tabs(box) as (viewer, new_tab):
+        viewer.controls.preview.value = False
+        tab = new_tab()
+        tab.button("Plan").wait_for()
+        viewer.controls.click.value = panel.PICK_FACE
+        point, face = visible_point(viewer, (0, 0, 1))
+        click_on(viewer, tab, point, until)
+        until(lambda: viewer.picks.faces[face])
+        tab.says("--brr faces:")
+        again = load_part(box, PartSettings(brr=viewer.picks.specs))
+        assert (again.restrained == viewer.picks.faces).all()
+
+
+def test_plan_print_pause_resume_reload_and_stop(
+    open_tabs, box, rehearsed_job, until, tmp_path, monkeypatch
+):
+    """The whole way: layers appear, the print starts, stands, survives a reload, goes on."""
+    monkeypatch.chdir(tmp_path)
+    job = rehearsed_job
+    with open_tabs(box, job) as (viewer, new_tab):
+        tab = new_tab()
+        tab.press("Plan")
+        until(lambda: viewer.result is not None and not viewer.planning)
+        assert job.planned_with.part.brr == ("down",)
+        assert viewer.visible_layers == set(range(5))
+        tab.page.get_by_role("tab", name="Result").click()
+        tab.says("print time")
+        tab.press("Print")
+        tab.says("left")
+        until(lambda: viewer.state.path_time_s > 0)
+        assert not tab.button("Plan").is_visible()
+        tab.press("Pause")
+        tab.button("Resume").wait_for()
+        held = viewer.state.path_time_s
+        tab.page.reload()
+        tab.button("Resume").wait_for()
+        tab.says("paused")
+        until(lambda: viewer.visible_layers == _begun(viewer, held))
+        tab.press("Resume")
+        until(lambda: viewer.state.path_time_s > held)
+        tab.press("Stop")
+        tab.button("Print").wait_for()
+        assert job.calls == ["plan", "print", "pause", "resume", "stop"]
+
+
+def _begun(viewer, time_s):
+    starts = viewer.result.timeline.layer_starts
+    return {n for n, start in starts.items() if start <= time_s}
+
+
+def test_a_second_person_is_told_and_shares_the_view(open_tabs, sample, until):
+    with open_tabs(sample) as (viewer, new_tab):
+        first = new_tab()
+        first.button("Print").wait_for()
+        second = new_tab()
+        second.button("Print").wait_for()
+        first.says("2 viewers are connected")
+        second.says("2 viewers are connected")
+        box = second.page.locator("input[type=text]:visible").first
+        box.fill("100")
+        box.press("Enter")
+        until(lambda: viewer._time_s == 100.0)
+        assert viewer.visible_layers == _begun(viewer, 100.0)
+        second.page.close()
+        until(lambda: "2 viewers" not in viewer.controls.status.content)
+
+
+def test_the_reason_is_told_under_the_resting_pointer_and_on_a_click(open_tabs, sample, until):
+    with open_tabs(sample) as (viewer, new_tab):
+        tab = new_tab()
+        tab.button("Print").wait_for()
+        sheet = viewer.result.sheets[0]
+        marked = np.flatnonzero(viewer.result.face_reasons[0] > 0)
+        middles = sheet.vertices[sheet.faces[marked]].mean(1)
+        nearest = middles[np.argmin(middles @ np.array([-0.45, 0.75, 0.0]))]
+        client = next(iter(viewer._server.get_clients().values()))
+        until(lambda: _camera_known(client))
+        tab.page.wait_for_function("window.vegaPointer !== undefined")
+        tab.page.mouse.move(*pixel_of(viewer, tab, nearest))
+        tab.says("wrist_limit")
+        tab.says("turn the part by 20")
+        sound = sheet.vertices[sheet.faces].mean(1)
+        sound = sound[sound[:, 2] > 20]
+        click_on(viewer, tab, sound[np.argmin(sound @ np.array([-0.45, 0.75, 0.0]))], until)
+        until(lambda: viewer.controls.pointed.content.endswith("printable"))
+
+
+def test_a_spec_that_selects_nothing_is_refused_in_words(open_tabs, box, until):
+    with open_tabs(box) as (viewer, new_tab):
+        viewer.controls.preview.value = False
+        tab = new_tab()
+        tab.button("Plan").wait_for()
+        before = viewer.picks.faces.copy()
+        field = tab.page.locator("xpath=//*[text()='SPECs']/following::input[1]")
+        field.fill("nonsense:1")
+        tab.press("Use these SPECs")
+        tab.says("is not known; choices")
+        assert (viewer.picks.faces == before).all()
+        field.fill("normal:0,0,1 down")
+        tab.press("Use these SPECs")
+        until(lambda: viewer.picks.specs == ("normal:0,0,1", "down"))
+        assert (viewer.picks.faces == (abs(viewer.part.face_normals[:, 2]) > 0.9)).all()
+
+
+def test_the_resulting_layers_follow_a_pick(open_tabs, box, until, tmp_path, monkeypatch):
+    """A box restrained below and in front: no layer reaches into either side."""
+    monkeypatch.chdir(tmp_path)
+    with open_tabs(box) as (viewer, new_tab):
+        tab = new_tab()
+        tab.button("Plan").wait_for()
+        point, _ = visible_point(viewer, (0, -1, 0.1))
+        click_on(viewer, tab, point, until)
+        tab.says("core layers")
+        until(lambda: viewer.visible_layers)
+        low = viewer._sheets[0].vertices[:, 1].min()
+        assert low == pytest.approx(viewer.part.vertices[:, 1].min(), abs=0.2)

@@ -1,0 +1,484 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The core: what the last layers leave over, and sheets of their own thickness to fill it.
+
+Layer N takes the band of depths N t to (N + 1) t. Where the part is thin, the fronts
+from both sides meet (or reach the restraint region) at a depth m that is no multiple of
+t: the last band is too narrow for its layer, or a gap stays open behind it. With the
+room g = m - (N + 1) t behind a band:
+
+- g < t / 2: the last layer gets the thickness t + g, between t/2 and 3/2 t. If that
+  matters for the part as a whole (thin walls), it also moves to the middle of its room
+  and becomes a sheet of the core; else a gap of at least t/2 gets a sheet of its own on
+  the mid-surface.
+- g a little above t / 2: the next layer is a sliver that a grid may lose; it is made
+  here, from the layer before it.
+- A wall thinner than a layer gets one sheet on its mid-surface.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vega_planner.datatypes import Bools, Floats, Ints, Layer, Part
+from vega_planner.layers import core_kernels as kernels
+from vega_planner.layers.contour import Sheet
+from vega_planner.layers.distance_field import DistanceField
+from vega_planner.layers.grid import Grid
+from vega_planner.layers.subdivide import split_long_edges
+from vega_planner.parallel import map_threads
+
+#: Pieces of a level set up to this width, in t, count as slivers that a grid may lose.
+SLIVER_RATIO = 0.66
+
+#: Share of the volume that last layers may leave open or lay twice before they move.
+TOLERATED_RATIO = 0.002
+
+#: Walls up to twice this, in t, get one sheet on their mid-surface instead of two.
+MIDDLE_RATIO = 0.64
+
+#: A connected piece of a sheet moves whole where this share of it has no room of t.
+MOVING_SHARE = 0.3
+
+#: A connected piece of which this share is a sliver is made anew.
+SLIVER_SHARE = 0.8
+
+#: Sheets of the core end this far from the surface, in their depth: between the corners
+#: their round ends leave open and what bulges out.
+END_RATIO = 0.75
+
+_CHUNK = 4096
+
+
+@dataclass(frozen=True, eq=False)
+class Front:
+    """A sheet with the room in front of it.
+
+    Attributes:
+        level: N, or -1 for the surface S itself.
+        vertices: Points [mm], shape (n, 3).
+        faces: Vertex indices, shape (m, 3).
+        feet: Nearest points of S [mm], shape (n, 3).
+        inward: Unit vectors from the feet into the part, shape (n, 3).
+        room: Depth m at which the fronts meet [mm], infinite where far, shape (n,).
+        opposed: True where they meet another front, False at the restraint region.
+        measured: True where the room was measured, False where it was carried on.
+    """
+
+    level: int
+    vertices: Floats
+    faces: Ints
+    feet: Floats
+    inward: Floats
+    room: Floats
+    opposed: Bools
+    measured: Bools
+
+
+@dataclass(frozen=True, eq=False)
+class Core:
+    """How the core is filled.
+
+    Attributes:
+        cores: The sheets of the core.
+        thickness: Thickness at the vertices of each envelope sheet [mm].
+        kept: Faces of each envelope sheet that stay (the others moved into the core).
+    """
+
+    cores: tuple[Layer, ...]
+    thickness: tuple[Floats, ...]
+    kept: tuple[Bools, ...]
+
+    @classmethod
+    def nothing(cls, sheets: list[Sheet], t: float) -> Core:
+        """Leave the sheets as they are."""
+        thickness = tuple(np.full(len(sheet.vertices), t) for sheet in sheets)
+        return cls((), thickness, tuple(np.ones(len(sheet.faces), bool) for sheet in sheets))
+
+
+def fill_core(
+    part: Part,
+    grid: Grid,
+    field: DistanceField,
+    brr: DistanceField | None,
+    sheets: list[Sheet],
+    t: float,
+) -> Core:
+    """Make the sheets that fill what the envelope layers leave over.
+
+    Args:
+        part: The part.
+        grid: Distances at the nodes.
+        field: Distances to S.
+        brr: Distances to the restraint region, or None.
+        sheets: The envelope sheets, at depths (N + 1/2) t.
+        t: Layer thickness [mm].
+
+    Returns:
+        The sheets of the core, and what changes of the envelope sheets.
+    """
+    sliver = SLIVER_RATIO * t / 2
+    fronts = [thin_walls(part, grid, field, brr, t / 2 + sliver)]
+    fronts += map_threads(
+        lambda item: sheet_front(item[0], item[1], grid, field, brr, t, sliver),
+        list(enumerate(sheets)),
+    )
+    gaps = [_face_gaps(front, t) for front in fronts]
+    moving = _amount(fronts, gaps, t) > TOLERATED_RATIO * part.volume
+    thickness = [np.full(len(sheet.vertices), t) for sheet in sheets]
+    kept = [np.ones(len(sheet.faces), bool) for sheet in sheets]
+    cores: list[Layer] = []
+    last: list[Layer | None] = [None] * (len(sheets) + 1)
+    walls, (gap, _) = fronts[0], gaps[0]
+    spread = _spread(walls)
+    _add(cores, field, walls, gap < MIDDLE_RATIO * t, spread, 0.0, True, t)
+    for k, (front, (gap, opposed)) in enumerate(zip(fronts[1:], gaps[1:])):
+        own = gap < t / 2
+        if not own.any():
+            continue
+        spread = _spread(front)
+        if moving:
+            moved, slivers = _leaving(front, gap, own, t, sliver)
+            if (moved | slivers).all() and k + 1 < len(sheets):
+                # A deeper layer follows: what has its full room stays, so that no layer
+                # of the stack is empty.
+                moved &= own
+            kept[k] &= ~moved & ~slivers
+            last[k] = _add(cores, field, front, moved, spread, k * t, False, t)
+            own &= kept[k]
+        wide = own & opposed & (gap >= t / 4)
+        _add(cores, field, front, wide, spread, (k + 1) * t, True, t)
+        narrow = np.unique(front.faces[own & ~wide])
+        free = np.where(np.isfinite(spread), spread - k * t, t)
+        thickness[k][narrow] = np.clip(free[narrow], t / 2, 1.25 * t)
+    for front, (gap, _) in zip(fronts, gaps):
+        k = front.level + 1
+        following = (gap >= t / 2) & (gap < t / 2 + sliver)
+        following &= (gap >= MIDDLE_RATIO * t) | (k > 0)
+        if not following.any():
+            continue
+        if k < len(sheets):
+            ahead = front.feet[front.faces].mean(1) + (k + 0.5) * t * _face_inward(front)
+            there = [(sheets[k].vertices, sheets[k].faces[kept[k]])]
+            moved_sheet = last[k]
+            if moved_sheet is not None:
+                there.append((moved_sheet.vertices, moved_sheet.faces))
+            for vertices, faces in there:
+                if len(faces):
+                    rows = np.flatnonzero(following)
+                    gone = DistanceField(vertices, faces).distances(ahead[rows]) > t / 2
+                    following[rows] = gone
+        _add(cores, field, front, following, _spread(front), k * t, False, t)
+    return Core(tuple(cores), tuple(thickness), tuple(kept))
+
+
+def _leaving(
+    front: Front, gap: Floats, own: Bools, t: float, sliver: float
+) -> tuple[Bools, Bools]:
+    """Choose the connected pieces of a sheet that leave it, whole.
+
+    Returns:
+        Faces of pieces that move to the middle of their room, and faces of slivers,
+        which are made anew from the layer before.
+    """
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    count = len(front.vertices)
+    first, second = front.faces[:, [0, 1]].ravel(), front.faces[:, [1, 2]].ravel()
+    links = coo_matrix((np.ones(len(first)), (first, second)), shape=(count, count))
+    piece = connected_components(links, directed=False)[1][front.faces[:, 0]]
+    a, b, c = (front.vertices[front.faces[:, n]] for n in range(3))
+    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+    total = np.bincount(piece, areas)
+    leaving = np.bincount(piece, areas * own, len(total)) > MOVING_SHARE * total
+    thin = own & (gap + t < t / 2 + sliver)
+    narrow = np.bincount(piece, areas * thin, len(total)) > SLIVER_SHARE * total
+    return (leaving & ~narrow)[piece], (leaving & narrow)[piece]
+
+
+def sheet_front(
+    level: int,
+    sheet: Sheet,
+    grid: Grid,
+    field: DistanceField,
+    brr: DistanceField | None,
+    t: float,
+    sliver: float,
+) -> Front:
+    """Measure the room in front of an envelope sheet, where it ends within reach."""
+    count = len(sheet.vertices)
+    ahead = t + sliver
+    candidates = np.zeros(count, np.uint8)
+    kernels.mark_last(
+        sheet.vertices, sheet.inward, ahead, grid.origin, grid.spacing, np.array(grid.shape),
+        grid.state, grid.distance, grid.gradient, sheet.depth, 0, count, candidates,
+    )  # fmt: skip
+    chosen = np.flatnonzero(candidates)
+    feet = sheet.vertices - sheet.depth * sheet.inward
+    room, kind = _measure(field, brr, feet[chosen], sheet.inward[chosen], sheet.depth + ahead)
+    rooms, opposed = np.full(count, np.inf), np.zeros(count, bool)
+    rooms[chosen] = room
+    opposed[chosen] = kind == kernels.OPPOSED
+    return Front(
+        level, sheet.vertices, sheet.faces, feet, sheet.inward, rooms, opposed, np.isfinite(rooms)
+    )
+
+
+def thin_walls(
+    part: Part, grid: Grid, field: DistanceField, brr: DistanceField | None, limit: float
+) -> Front:
+    """Find the parts of S behind which the part is thin, as finely as the grid.
+
+    Args:
+        part: The part.
+        grid: Distances at the nodes.
+        field: Distances to S.
+        brr: Distances to the restraint region, or None.
+        limit: Half the thickness of a thin wall [mm].
+
+    Returns:
+        Those faces of S with the room behind them.
+    """
+    surface = part.faces[~part.restrained]
+    normals = part.face_normals[~part.restrained]
+    owner, points = _samples(part.vertices[surface], 2 * limit)
+    inward = -normals[owner]
+    candidates = np.zeros(len(points), np.uint8)
+    kernels.mark_last(
+        points, inward, limit, grid.origin, grid.spacing, np.array(grid.shape), grid.state,
+        grid.distance, grid.gradient, 0.0, 0, len(points), candidates,
+    )  # fmt: skip
+    chosen = np.flatnonzero(candidates)
+    room, _ = _measure(field, brr, points[chosen], inward[chosen], limit)
+    thin = np.unique(owner[chosen[np.isfinite(room)]])
+    used, faces = np.unique(surface[thin], return_inverse=True)
+    vertices, faces = split_long_edges(
+        part.vertices[used], faces.reshape(-1, 3), max(1.2 * limit, grid.spacing)
+    )
+    corners = vertices[faces]
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    inward = np.zeros_like(vertices)
+    for corner in range(3):
+        np.add.at(inward, faces[:, corner], -cross)
+    length = np.linalg.norm(inward, axis=1, keepdims=True)
+    inward /= np.where(length > 0, length, 1.0)
+    room, kind = _measure(field, brr, vertices, inward, limit)
+    measured = np.isfinite(room)
+    front = Front(-1, vertices, faces, vertices, inward, room, kind == kernels.OPPOSED, measured)
+    return _grown(front, field)
+
+
+def _grown(front: Front, field: DistanceField) -> Front:
+    """Carry the room of a thin wall on towards the wall's ends.
+
+    Near an end the end itself is nearer than the other side, so nothing was measured;
+    yet the wall is filled up to there.
+    """
+    room = front.room.copy()
+    sources = np.isfinite(room)
+    for _ in range(16):
+        ends = np.isfinite(room[front.faces])
+        rows = np.flatnonzero((sources[front.faces] & ends).any(1) & ~ends.all(1))
+        if len(rows) == 0:
+            break
+        mean = np.where(ends[rows], room[front.faces[rows]], 0).sum(1) / ends[rows].sum(1)
+        total, count = np.zeros(len(room)), np.zeros(len(room))
+        for corner in range(3):
+            fresh = ~ends[rows, corner]
+            np.add.at(total, front.faces[rows[fresh], corner], mean[fresh])
+            np.add.at(count, front.faces[rows[fresh], corner], 1)
+        new = np.flatnonzero(count)
+        room[new] = total[new] / count[new]
+        points = front.feet[new] + room[new, None] * front.inward[new]
+        sources = np.zeros(len(room), bool)
+        sources[new] = field.distances(points) > END_RATIO * room[new]
+    return replace(front, room=room)
+
+
+def _samples(corners: Floats, spacing: float) -> tuple[Ints, Floats]:
+    """Spread points over triangles, at least one on each, about `spacing` apart."""
+    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(1)
+    rows = np.clip(np.ceil(sides / spacing).astype(np.int64), 1, 32)
+    owners, points = [], []
+    for n in np.unique(rows):
+        mine = np.flatnonzero(rows == n)
+        i, j = np.meshgrid(np.arange(n), np.arange(n), indexing="ij")
+        u, v = (i[i + j < n] + 1 / 3) / n, (j[i + j < n] + 1 / 3) / n
+        weights = np.stack([1 - u - v, u, v], 1)
+        owners.append(np.repeat(mine, len(weights)))
+        points.append(np.einsum("wk,fkd->fwd", weights, corners[mine]).reshape(-1, 3))
+    return np.concatenate(owners), np.concatenate(points)
+
+
+def _measure(
+    field: DistanceField, brr: DistanceField | None, feet: Floats, inward: Floats, limit: float
+) -> tuple[Floats, Ints]:
+    """Run the room measurement over all rows."""
+    count = len(feet)
+    room, kind = np.full(count, np.inf), np.zeros(count, np.int64)
+    feet, inward = np.ascontiguousarray(feet), np.ascontiguousarray(inward, np.float64)
+    brr_tri = brr.tri if brr else np.zeros((0, 13))
+    brr_box = brr.box if brr else np.zeros((1, 6))
+    for first in range(0, count, _CHUNK):
+        kernels.measure_room(
+            field.tri, field.box, brr_tri, brr_box, feet, inward, limit,
+            first, min(first + _CHUNK, count), room, kind,
+        )  # fmt: skip
+    return room, kind
+
+
+def _face_gaps(front: Front, t: float) -> tuple[Floats, Bools]:
+    """Average the room behind the own band over the corners where it ends.
+
+    Returns:
+        Gap at each face [mm], infinite where it is open, and whether fronts meet there.
+    """
+    room = front.room[front.faces]
+    ends = np.isfinite(room)
+    count = ends.sum(1)
+    mean = np.where(ends, room, 0).sum(1) / np.maximum(count, 1)
+    gap = np.where(count > 0, mean - (front.level + 1) * t, np.inf)
+    return gap, np.asarray(front.opposed[front.faces].any(1))
+
+
+def _amount(fronts: list[Front], gaps: list[tuple[Floats, Bools]], t: float) -> float:
+    """Estimate the volume left open or laid twice if no sheet moves [mm³]."""
+    total = 0.0
+    for front, (gap, opposed) in zip(fronts, gaps):
+        if front.level < 0 or len(front.faces) == 0:
+            continue
+        filled = opposed & (gap >= t / 4)
+        off = np.where((gap < t / 2) & ~filled, np.abs(gap) / 2, 0.0)
+        a, b, c = (front.vertices[front.faces[:, n]] for n in range(3))
+        areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+        total += float((areas * off).sum())
+    return total
+
+
+def _spread(front: Front) -> Floats:
+    """Carry the room over to the corners that faces share with measured ones."""
+    room = front.room[front.faces]
+    ends = np.isfinite(room)
+    mean = np.where(ends, room, 0).sum(1) / np.maximum(ends.sum(1), 1)
+    total, count = np.zeros(len(front.vertices)), np.zeros(len(front.vertices))
+    for corner in range(3):
+        open_corner = ends.any(1) & ~ends[:, corner]
+        np.add.at(total, front.faces[open_corner, corner], mean[open_corner])
+        np.add.at(count, front.faces[open_corner, corner], 1)
+    carried = np.where(count > 0, total / np.maximum(count, 1), np.inf)
+    return np.where(np.isfinite(front.room), front.room, carried)
+
+
+def _face_inward(front: Front) -> Floats:
+    mean = front.inward[front.faces].mean(1)
+    length = np.linalg.norm(mean, axis=1, keepdims=True)
+    return mean / np.where(length > 0, length, 1.0)
+
+
+def _add(
+    cores: list[Layer],
+    field: DistanceField,
+    front: Front,
+    chosen: Bools,
+    room: Floats,
+    start: float,
+    middle: bool,
+    t: float,
+) -> Layer | None:
+    """Make a sheet of the core from chosen faces of a front.
+
+    It fills the depths from `start` to the room's end: on the mid-surface, for both
+    sides at once, or half-way for this side alone.
+    """
+    if not chosen.any():
+        return None
+    faces = front.faces[chosen]
+    used, numbers = np.unique(faces, return_inverse=True)
+    faces = numbers.reshape(-1, 3)
+    # Corners without a measured room keep the thickness t.
+    free = np.where(np.isfinite(room[used]), room[used] - start, t)
+    free = np.maximum(free, 0.05 * t)
+    depth = room[used] if middle else start + free / 2
+    points = front.feet[used] + depth[:, None] * front.inward[used]
+    unsure = np.flatnonzero(~front.measured[used])
+    ends = start + END_RATIO * (depth[unsure] - start)
+    for _ in range(3):
+        found = field.nearest(points[unsure])
+        away = (points[unsure] - found.points) / np.maximum(found.distances, 1e-9)[:, None]
+        on_surface = found.distances < 1e-6
+        away[on_surface] = -field.normals(found.faces[on_surface])
+        push = np.maximum(ends - found.distances, 0.0)
+        points[unsure] += away * np.minimum(push, t)[:, None]
+    thickness = 2 * free if middle else free
+    if middle:
+        faces = one_side(points, faces, front.inward[used], float(np.median(free)))
+    faces = _without_slivers(points, faces)
+    if len(faces) == 0:
+        return None
+    used, numbers = np.unique(faces, return_inverse=True)
+    sheet = Layer(
+        index=len(cores),
+        kind="core",
+        depth_mm=float(np.median(depth[used])),
+        vertices=points[used],
+        faces=numbers.reshape(-1, 3),
+        thickness=thickness[used],
+    )
+    cores.append(sheet)
+    return sheet
+
+
+def _without_slivers(points: Floats, faces: Ints) -> Ints:
+    corners = points[faces]
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(1)
+    return faces[np.linalg.norm(cross, axis=1) > 1e-3 * sides**2]
+
+
+def one_side(points: Floats, faces: Ints, inward: Floats, reach: float) -> Ints:
+    """Keep one of two coinciding sheets that came from opposite sides of a wall.
+
+    Connected pieces are taken from the largest on; what lies on a taken piece that
+    faces the other way is left out. A piece that folds back on itself is halved along
+    its main normal first.
+
+    Args:
+        points: Points on the mid-surface [mm], shape (n, 3).
+        faces: Faces of both sides, shape (m, 3).
+        inward: Direction each point came from, shape (n, 3).
+        reach: Distance within which sheets coincide [mm].
+
+    Returns:
+        The faces that stay.
+    """
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    face_inward = inward[faces].mean(1)
+    first, second = faces[:, [0, 1]].ravel(), faces[:, [1, 2]].ravel()
+    shape = (len(points), len(points))
+    links = coo_matrix((np.ones(len(first)), (first, second)), shape=shape)
+    piece = connected_components(links, directed=False)[1][faces[:, 0]]
+    for label in np.unique(piece):
+        mine = face_inward[piece == label]
+        axis = np.linalg.eigh(mine.T @ mine)[1][:, 2]
+        side = mine @ axis
+        if (side > 0.3).any() and (side < -0.3).any():
+            piece[piece == label] = piece.max() + 1 + np.where(side >= 0, 0, 1)
+    corners = points[faces]
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas = np.linalg.norm(cross, axis=1)
+    numbers = np.unique(piece, return_inverse=True)[1]
+    order = np.argsort(-np.bincount(numbers, areas), kind="stable")
+    taken = np.zeros(len(faces), bool)
+    for label in order:
+        mine = np.flatnonzero(numbers == label)
+        if taken.any():
+            chosen = np.flatnonzero(taken)
+            near = DistanceField(points, faces[chosen]).nearest(corners[mine].mean(1))
+            facing = (face_inward[chosen[near.faces]] * face_inward[mine]).sum(1)
+            mine = mine[~((near.distances < reach) & (facing < -0.3))]
+        taken[mine] = True
+    return faces[taken]

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+# mypy: disable-error-code="no-untyped-def"
+"""Compiled measurement of how much room a sheet has before the core."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from vega_planner.layers.grid_kernels import INSIDE
+from vega_planner.layers.triangle_kernels import first_hit, nearest
+
+#: What ends the room in front of a point.
+OPEN, OPPOSED, REGION = 0, 1, 2
+
+
+@njit(nogil=True, cache=True)
+def mark_last(
+    points, inward, ahead, origin, h, shape, state, distance, gradient, depth, first, last, out
+):
+    """Mark the points in front of which the distance may stop growing.
+
+    A point passes where the node nearest to a place just beyond `ahead` of it is inside
+    and has the same gradient, if it is as deep as it must be. It passes as well where
+    the gradient has turned aside, at a ridge between fronts that do not oppose each other.
+    """
+    beyond = ahead + 0.87 * h
+    for i in range(first, last):
+        n = 0
+        inside = True
+        along = 0.0
+        node = np.zeros(3, np.int64)
+        for k in range(3):
+            x = points[i, k] + beyond * inward[i, k]
+            q = int(np.floor((x - origin[k]) / h + 0.5))
+            if q < 0 or q >= shape[k]:
+                inside = False
+                break
+            node[k] = q
+        out[i] = 1
+        if not inside:
+            continue
+        n = (node[0] * shape[1] + node[1]) * shape[2] + node[2]
+        if state[n] != INSIDE:
+            continue
+        for k in range(3):
+            along += gradient[n, k] * inward[i, k]
+        if along > -0.3 and (along < 0.8 or distance[n] > depth + ahead - 0.02 * h):
+            out[i] = 0
+
+
+@njit(nogil=True, cache=True)
+def measure_room(tri, box, brr_tri, brr_box, feet, inward, limit, first, last, room, kind):
+    """Measure how far from its foot on S a front runs before it meets another.
+
+    A ray along the inward normal leaves the part after a length l at an angle b to the
+    normal there. Fronts from both sides meet at l cos b / (1 + cos b); where it leaves
+    through the restraint region the whole length is free. Only nearly parallel sides
+    count (b < 50 degrees), and only where no other part of S is nearer.
+
+    Args:
+        tri: Triangle rows of S, with `box`.
+        brr_tri: Triangle rows of the restraint region, with `brr_box`.
+        feet: Points of S, (n, 3).
+        inward: Unit vectors into the part, (n, 3).
+        limit: Room beyond which nothing is wanted [mm].
+        first: First row.
+        last: End of the rows.
+        room: Result, unchanged where open.
+        kind: Result: OPEN, OPPOSED or REGION.
+    """
+    stack = np.zeros(64, np.int64)
+    lower = np.zeros(64)
+    for i in range(first, last):
+        nx, ny, nz = inward[i, 0], inward[i, 1], inward[i, 2]
+        reach = 2.5 * limit
+        x, y, z = feet[i, 0] + 1e-5 * nx, feet[i, 1] + 1e-5 * ny, feet[i, 2] + 1e-5 * nz
+        s, u = first_hit(tri, box, x, y, z, x + reach * nx, y + reach * ny, z + reach * nz, stack)
+        free = 1e30
+        found = OPEN
+        if s >= 0:
+            c = nx * tri[s, 9] + ny * tri[s, 10] + nz * tri[s, 11]
+            if c > 0.64:
+                free = u * reach * c / (1.0 + c)
+                found = OPPOSED
+        if len(brr_tri) > 0:
+            q, v = first_hit(
+                brr_tri, brr_box, x, y, z, x + reach * nx, y + reach * ny, z + reach * nz, stack
+            )
+            if q >= 0 and (s < 0 or v < u):
+                c = nx * brr_tri[q, 9] + ny * brr_tri[q, 10] + nz * brr_tri[q, 11]
+                found = OPEN
+                if c > 0.64:
+                    free = v * reach
+                    found = REGION
+        if found == OPEN or free >= limit:
+            continue
+        _, d2 = nearest(
+            tri,
+            box,
+            feet[i, 0] + free * nx,
+            feet[i, 1] + free * ny,
+            feet[i, 2] + free * nz,
+            -1,
+            1e300,
+            stack,
+            lower,
+        )
+        if np.sqrt(d2) < 0.93 * free:
+            continue
+        room[i] = free
+        kind[i] = found

@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How well passes cover what they should: volume, uncovered area, spacing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vega_planner.datatypes import Floats, LayerStack, Patch, Toolpath, ToolpathSet
+from vega_planner.toolpaths.bead import fill_spacing, section_area
+from vega_planner.toolpaths.coverage_kernels import (
+    bucket_segments,
+    distance_to_segments,
+    gaps_beside,
+)
+
+#: Area farther than this from any pass counts as uncovered, in spacings: just over the
+#: half that a neighbour covers.
+UNCOVERED_RATIO = 0.55
+
+
+def deposited_volume(paths: Iterable[Toolpath]) -> float:
+    """Volume of the beads [mm³]: section times length."""
+    total = 0.0
+    for path in paths:
+        area = section_area(path.width, path.height)
+        length = np.linalg.norm(np.diff(path.points, axis=0), axis=1)
+        total += float((0.5 * (area[1:] + area[:-1]) * length).sum())
+    return total
+
+
+def volume_to_fill(patch: Patch) -> float:
+    """Volume of a patch [mm³]: area times local thickness."""
+    return float(patch.face_areas @ patch.thickness[patch.faces].mean(1))
+
+
+@dataclass(frozen=True, eq=False)
+class _Grid:
+    """Segments of passes, as starts and ends, in a grid of cells."""
+
+    lines: tuple[Floats, Floats]
+    axes: Floats
+    cells: tuple[Any, ...]
+
+    @classmethod
+    def of(cls, paths: Sequence[Toolpath], size: float) -> _Grid:
+        a = np.concatenate([path.points[:-1] for path in paths])
+        b = np.concatenate([path.points[1:] for path in paths])
+        axes = np.concatenate([path.axes[:-1] for path in paths])
+        corner = np.minimum(a.min(0), b.min(0)) - size
+        high = np.maximum(a.max(0), b.max(0)) + size
+        shape = np.ceil((high - corner) / size).astype(np.int64) + 1
+        begin, items = bucket_segments(a, b, corner, size, shape)
+        return cls((a, b), axes, (begin, items, corner, size, shape))
+
+
+def surface_samples(patch: Patch, step: float) -> tuple[Floats, Floats]:
+    """Spread points evenly over a patch.
+
+    Args:
+        patch: The patch.
+        step: Distance between points, about [mm]; infinite for one point a face.
+
+    Returns:
+        Positions, shape (k, 3), and the area each stands for [mm²], shape (k,).
+    """
+    corners = patch.vertices[patch.faces]
+    edges = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).max(1)
+    parts = np.maximum(1, np.ceil(edges / step)).astype(int)
+    points, areas = [], []
+    for n in np.unique(parts).tolist():
+        chosen = parts == n
+        weights = []
+        for i in range(n):
+            for j in range(n - i):
+                weights.append(((i + 1 / 3) / n, (j + 1 / 3) / n))
+                if i + j + 1 < n:
+                    weights.append(((i + 2 / 3) / n, (j + 2 / 3) / n))
+        w = np.array(weights)
+        w = np.column_stack([w, 1 - w.sum(1)])
+        points.append(np.einsum("kc,fcx->fkx", w, corners[chosen]).reshape(-1, 3))
+        areas.append(np.repeat(patch.face_areas[chosen] / len(w), len(w)))
+    return np.concatenate(points), np.concatenate(areas)
+
+
+def uncovered_area(
+    patch: Patch, paths: Sequence[Toolpath], reach_mm: float, step_mm: float = np.inf
+) -> float:
+    """Measure the area of a patch that lies farther than a distance from any pass.
+
+    Args:
+        patch: The patch.
+        paths: Its passes.
+        reach_mm: The distance [mm].
+        step_mm: Distance between the points that are asked; one a face when infinite.
+
+    Returns:
+        Area [mm²].
+    """
+    if not paths:
+        return patch.area
+    points, areas = surface_samples(patch, step_mm)
+    grid = _Grid.of(paths, max(1.01 * reach_mm, 0.5))
+    a, b = grid.lines
+    begin, items, corner, size, shape = grid.cells
+    distance = distance_to_segments(points, a, b, begin, items, corner, size, shape)
+    return float(areas[distance > reach_mm].sum())
+
+
+def pass_gaps(paths: Sequence[Toolpath], spacing_mm: float) -> tuple[Floats, Floats]:
+    """Measure the distances between neighbouring lines of the passes of a patch.
+
+    Args:
+        paths: The passes.
+        spacing_mm: Set spacing [mm]; gaps of more than 1.6 of it are no neighbours.
+
+    Returns:
+        Distances over the set spacing, one for each side of each segment that has a
+        neighbour there, and the lengths of those segments [mm], both of shape (k,).
+    """
+    grid = _Grid.of(paths, 1.6 * spacing_mm)
+    least, most = 0.3 * spacing_mm, 1.6 * spacing_mm
+    a, b = grid.lines
+    begin, items, corner, size, shape = grid.cells
+    gaps = gaps_beside(a, b, grid.axes, begin, items, corner, size, shape, least, most)
+    length = np.linalg.norm(b - a, axis=1)
+    has = gaps > 0
+    return gaps[has] / spacing_mm, np.column_stack([length, length])[has]
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """How well the passes of a plan fill its layers.
+
+    Attributes:
+        under_ratio: Volume that no layer claims or no pass comes near, over the part's.
+        over_ratio: Volume claimed twice or deposited beyond what is claimed, over the
+            part's.
+        deposited_mm3: Volume of the beads.
+        claimed_mm3: Volume of the layers.
+    """
+
+    under_ratio: float
+    over_ratio: float
+    deposited_mm3: float
+    claimed_mm3: float
+
+
+def measure_coverage(
+    patches: Sequence[Patch], toolpaths: ToolpathSet, stack: LayerStack, width_mm: float
+) -> Coverage:
+    """Measure how well the passes of a plan fill its layers.
+
+    Args:
+        patches: What is printed, in print order.
+        toolpaths: The passes.
+        stack: The layers.
+        width_mm: Nominal bead width.
+    """
+    by_patch: list[list[Toolpath]] = [[] for _ in patches]
+    for path in toolpaths.passes:
+        by_patch[path.patch].append(path)
+    bare = 0.0
+    for patch, paths in zip(patches, by_patch):
+        thickness = float(np.median(patch.thickness))
+        spacing = fill_spacing(width_mm, thickness)
+        bare += thickness * uncovered_area(patch, paths, UNCOVERED_RATIO * spacing)
+    volume = max(stack.part.volume, 1e-9)
+    claimed = sum(volume_to_fill(patch) for patch in patches)
+    deposited = deposited_volume(toolpaths.passes)
+    return Coverage(
+        under_ratio=stack.uncovered_ratio + bare / volume,
+        over_ratio=stack.overfill_ratio + max(0.0, deposited - claimed) / volume,
+        deposited_mm3=deposited,
+        claimed_mm3=claimed,
+    )
