@@ -360,7 +360,7 @@ def _retried(work: Any) -> Any:
     for left in reversed(range(_TRIES)):
         try:
             return work()
-        except (pysoem.WkcError, pysoem.MailboxError) as error:
+        except (pysoem.WkcError, pysoem.MailboxError, pysoem.PacketError) as error:
             if not left:
                 raise LinkTimeout(f"a drive does not answer: {error}") from error
     raise AssertionError("unreachable")
