@@ -68,10 +68,10 @@ class RealTimeLoop:
     def run(self) -> None:
         """Run until a client says to shut down, or nobody came back."""
         executor, batched = self._executor, self._executor.motion.batched
-        executor.motion.open()
+        self._warm_up()
         try:
+            executor.motion.open()
             executor.dispenser.open()
-            self._warm_up()
             self._server.start()
             (self._folder / "ready").touch()
             scale = self._machine.time_scale if batched else 1.0
@@ -127,7 +127,7 @@ class RealTimeLoop:
         out, gate = np.zeros((1, n)), np.zeros(1, np.bool_)
         path = (times, rows, rows, np.zeros((0, 2)), np.zeros(5))
         kernels.follow(*path, 0.0, 0.1, True, 0.1, 0.1, out, out.copy(), gate)
-        self._executor.advance(1)
+        self._executor.dispenser.follow(gate, 0.1)
 
     # -- client -------------------------------------------------------------------------
 

@@ -161,7 +161,9 @@ class StatusPage:
         Raises:
             LinkTimeout: If no consistent reading comes within many tries.
         """
-        for _ in range(10_000):
+        for tries in range(2_000):
+            if tries > 10:
+                time.sleep(0.001)  # the writer was interrupted in mid-write
             before = self._memory[0:8]
             data = self._memory[0 : _PAGE.itemsize]
             if before == data[:8] == data[-8:] == self._memory[0:8]:

@@ -69,6 +69,7 @@ def print_part(
         ) as nodes,
     ):
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        signal.signal(signal.SIGTERM, _interrupt)
         session = Session(namespace, "vega_print", nodes.check)
         try:
             goal = PlanLayers.Goal(
@@ -148,6 +149,17 @@ class _Nodes:
                 raise DriverError(f"node {name} ended with status {status}: {last}")
 
 
+def _end_with_parent() -> None:
+    """Have the kernel interrupt this process when the one that started it dies."""
+    import ctypes
+
+    ctypes.CDLL(None).prctl(1, signal.SIGINT)  # PR_SET_PDEATHSIG
+
+
+def _interrupt(*_: object) -> None:
+    raise KeyboardInterrupt
+
+
 @contextmanager
 def _nodes(
     namespace: str, folder: Path, parameters: dict[str, dict[str, Any]]
@@ -169,6 +181,7 @@ def _nodes(
                     stdout=log,
                     stderr=log,
                     start_new_session=True,  # ctrl-c is handled here, goal by goal
+                    preexec_fn=_end_with_parent,
                 )
         yield _Nodes(processes, logs)
     finally:

@@ -85,6 +85,16 @@ class EthercatMotion(MotionController):
         Raises:
             DriverError: If the interface, a drive or its identity is not as configured.
         """
+        for left in reversed(range(_TRIES)):
+            try:
+                self._bring_up()
+                return
+            except LinkTimeout:
+                EthercatMotion.close(self)
+                if not left:
+                    raise
+
+    def _bring_up(self) -> None:
         import pysoem
 
         self._master = pysoem.Master()
@@ -178,6 +188,19 @@ class EthercatMotion(MotionController):
         told = [f"0x{slave.state:02X}/0x{slave.al_status:04X}" for slave in master.slaves]
         raise LinkTimeout(f"the bus does not reach state {state}; drives (state/code): {told}")
 
+    def _recover(self) -> None:
+        """Bring drives back that left operational while they had no power."""
+        import pysoem
+
+        master = self._master
+        if master.read_state() == pysoem.OP_STATE and self._exchange_once():
+            return
+        for slave in master.slaves:
+            if slave.state != pysoem.OP_STATE:
+                slave.state = pysoem.SAFEOP_STATE + pysoem.STATE_ACK
+                slave.write_state()
+        self._reach(pysoem.OP_STATE)
+
     # -- cycles ---------------------------------------------------------------------------
 
     def enable(self) -> Feedback:
@@ -186,9 +209,19 @@ class EthercatMotion(MotionController):
         Raises:
             Faulted: Naming the axes that do not come up.
         """
-        self._exchange_once()
+        for _ in range(_TRIES):
+            self._recover()
+            if self._climb():
+                self._enabled = True
+                return self._feedback()
+            if State.FAULT in self._states:
+                break
+        raise Faulted(f"not enabled: {self._bad_axes()}")
+
+    def _climb(self) -> bool:
+        """Lead all drives to operation enabled."""
         wake = time.monotonic()
-        for _ in range(_PATIENCE):
+        for _ in range(_PATIENCE // 4):
             wake += self.dt
             if not self.batched:
                 time.sleep(max(0.0, wake - time.monotonic()))
@@ -196,11 +229,10 @@ class EthercatMotion(MotionController):
             self._control = [TOWARDS_ENABLED[state] for state in self._states]
             self._exchange_once()
             if all(state is State.OPERATION_ENABLED for state in self._states):
-                self._enabled = True
-                return self._feedback()
+                return True
             if State.FAULT in self._states:
-                break
-        raise Faulted(f"not enabled: {self._bad_axes()}")
+                return False
+        return False
 
     def exchange(self, targets: Floats, speeds: Floats, gate: Bools) -> Feedback:
         """Send targets cycle by cycle; stops at the first wrong one."""
@@ -328,7 +360,7 @@ def _retried(work: Any) -> Any:
     for left in reversed(range(_TRIES)):
         try:
             return work()
-        except (pysoem.WkcError, pysoem.MailboxError) as error:
+        except (pysoem.WkcError, pysoem.MailboxError, pysoem.PacketError) as error:
             if not left:
                 raise LinkTimeout(f"a drive does not answer: {error}") from error
     raise AssertionError("unreachable")
