@@ -85,7 +85,9 @@ def depth_errors(stack: LayerStack) -> dict[str, float]:
         points = np.concatenate([layer.vertices, centres])
         near = whole.nearest(points)
         side = ((points - near.points) * part.face_normals[near.faces]).sum(1)
-        outside.append(float(near.distances[side > 0].max(initial=0.0)))
+        # Layers lie deeper than S, so they could only leave through the region.
+        leaves = (side > 0) & part.restrained[near.faces]
+        outside.append(float(near.distances[leaves].max(initial=0.0)))
         rim = rim_vertices(layer)
         if len(rim) and region is not None:
             rims.append(region.distances(layer.vertices[rim]))

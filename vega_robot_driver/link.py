@@ -39,22 +39,20 @@ class RequestServer:
     """The real-time process's side.
 
     Args:
-        folder: State folder.
+        listening: Socket that clients connect to; it was bound by who started this process,
+            which may have a network namespace of its own.
         handle: Answers a request; may raise `VegaError`.
     """
 
-    def __init__(self, folder: Path, handle: Callable[[dict[str, Any]], dict[str, Any]]) -> None:
+    def __init__(
+        self, listening: socket.socket, handle: Callable[[dict[str, Any]], dict[str, Any]]
+    ) -> None:
         self._handle = handle
-        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        try:
-            self._socket.bind(_address(folder))
-        except OSError as error:
-            raise DriverError(f"another process drives the machine of {folder}") from error
+        self._socket = listening
         self.connected = False
 
     def start(self) -> None:
         """Take clients from now on."""
-        self._socket.listen(1)
         threading.Thread(target=self._serve, name="requests", daemon=True).start()
 
     def close(self) -> None:
@@ -106,7 +104,7 @@ class MachineLink:
             if machine is None:
                 raise LinkTimeout(f"no machine runs in {folder}")
             machine.write(folder)
-            link = self._start(timeout_s)
+            link = self._start(machine.hardware, timeout_s)
         self._socket = link
         self._stream = self._socket.makefile("rwb")
         self._lock = threading.Lock()
@@ -177,12 +175,24 @@ class MachineLink:
             return None
         return link
 
-    def _start(self, timeout_s: float) -> socket.socket:
+    def _start(self, hardware: str, timeout_s: float) -> socket.socket:
         failed = self.folder / "failed"
         failed.unlink(missing_ok=True)
-        with (self.folder / "process.log").open("ab") as log:
+        (self.folder / "ready").unlink(missing_ok=True)
+        listening = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        try:
+            listening.bind(_address(self.folder))
+        except OSError as error:
+            raise DriverError(f"another process drives the machine of {self.folder}") from error
+        listening.listen(1)
+        number = listening.fileno()
+        command = [sys.executable, "-m", "vega_robot_driver.process", str(self.folder)]
+        if hardware == "emulated":  # it makes network interfaces, in a namespace of its own
+            command = ["unshare", "-n" if os.geteuid() == 0 else "-Urn", *command]
+        with listening, (self.folder / "process.log").open("ab") as log:
             process = subprocess.Popen(
-                [sys.executable, "-m", "vega_robot_driver.process", str(self.folder)],
+                [*command, str(number)],
+                pass_fds=(number,),
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=log,
@@ -192,9 +202,10 @@ class MachineLink:
         threading.Thread(target=process.wait, daemon=True).start()
         deadline = time.monotonic() + timeout_s
         while time.monotonic() < deadline:
-            link = self._connect()
-            if link is not None:
-                return link
+            if (self.folder / "ready").is_file():
+                link = self._connect()
+                if link is not None:
+                    return link
             if failed.is_file() and (text := failed.read_text()):
                 code, _, reason = text.partition(" ")
                 raise error_class(int(code))(reason)

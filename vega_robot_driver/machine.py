@@ -103,4 +103,29 @@ def _devices(machine: Machine, folder: Path) -> tuple[MotionController, Dispense
             memory=folder / "axes.json",
         )
         return motion, SimulatedDispenser()
-    raise InvalidInput(f"hardware '{machine.hardware}' is not built yet")
+    from vega_robot_driver.dispenser.digital_output import DigitalOutputDispenser
+    from vega_robot_driver.motion.bus_config import read_bus_config
+
+    path = machine.config
+    if machine.hardware == "emulated" and not path:
+        from vega_planner.shared_files import shared_file
+
+        path = str(shared_file("config", "machines", "emulated.yaml"))
+    config = read_bus_config(path).for_joints(
+        machine.joint_names, machine.lower, machine.upper, machine.velocity
+    )
+    if machine.hardware == "emulated":
+        from vega_robot_driver.motion.emulated import EmulatedMotion
+
+        emulated = EmulatedMotion(
+            config,
+            path,
+            folder / "drives.json",
+            dt=machine.dt,
+            by_frames=machine.time_scale != 1.0,
+        )
+        return emulated, DigitalOutputDispenser()
+    from vega_robot_driver.motion.ethercat import EthercatMotion
+
+    interface = machine.interface or config.interface
+    return EthercatMotion(config, interface, dt=machine.dt), DigitalOutputDispenser()

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The real-time process: sole owner of axes, fault latch and dispenser gate.
 
-Runs as `python -m vega_robot_driver.process STATE_FOLDER`. It keeps an absolute schedule,
+Runs as `python -m vega_robot_driver.process STATE_FOLDER SOCKET`. It keeps an absolute schedule,
 takes requests from one client between cycles, and shows its state on the status page. When
 the client hangs up or falls silent, it stops along the path with the dispenser off and
 holds the axes: nothing outside this process is needed for that.
@@ -14,6 +14,7 @@ import gc
 import os
 import queue
 import signal
+import socket
 import sys
 import time
 import traceback
@@ -45,15 +46,16 @@ class RealTimeLoop:
     Args:
         machine: Description of the machine.
         folder: State folder.
+        listening: Socket that clients connect to.
     """
 
-    def __init__(self, machine: Machine, folder: Path) -> None:
+    def __init__(self, machine: Machine, folder: Path, listening: socket.socket) -> None:
         self._machine, self._folder = machine, folder
         self._executor = build_executor(machine, folder)
         self._page = StatusPage(folder, create=True)
         self._checkpoints = CheckpointWriter(folder / "checkpoint.json")
         self._requests: queue.SimpleQueue = queue.SimpleQueue()
-        self._server = RequestServer(folder, self._ask)
+        self._server = RequestServer(listening, self._ask)
         self._had_client = False
         self._alone_since = time.monotonic()
         self._ended = False
@@ -71,6 +73,7 @@ class RealTimeLoop:
             executor.dispenser.open()
             self._warm_up()
             self._server.start()
+            (self._folder / "ready").touch()
             scale = self._machine.time_scale if batched else 1.0
             period = SIMULATION_PERIOD if batched else executor.motion.dt
             cycles = max(1, round(period * scale / executor.motion.dt)) if batched else 1
@@ -319,7 +322,8 @@ def main() -> int:
     failed = folder / "failed"
     failed.unlink(missing_ok=True)
     try:
-        loop = RealTimeLoop(read_machine(folder), folder)
+        listening = socket.socket(fileno=int(sys.argv[2]))
+        loop = RealTimeLoop(read_machine(folder), folder, listening)
         signal.signal(signal.SIGTERM, loop.end)
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal's ctrl-c is the client's
         loop.run()

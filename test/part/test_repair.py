@@ -6,7 +6,7 @@ from __future__ import annotations
 import manifold3d
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from vega_planner.errors import BadMesh, Cancelled
@@ -343,6 +343,59 @@ def test_a_crumpled_open_sheet_is_refused():
         load_part(
             (rng.uniform(0, 40, (300, 3)), np.arange(300).reshape(-1, 3), "crumpled"), NO_BRR
         )
+
+
+def test_loose_triangles_with_gaps_between_them_are_wrapped():
+    vertices, faces = arrays(dome(32))
+    soup = vertices[faces].reshape(-1, 3)
+    soup = soup + np.random.default_rng(2).normal(0, 0.02, soup.shape)
+    part = loaded(soup, np.arange(faces.size).reshape(-1, 3))
+    assert part.volume == pytest.approx(dome(32).volume(), rel=0.02)
+    assert any("made anew" in line for line in part.warnings)
+
+
+def spoilt(seed):
+    """A solid with a few defects on top of each other."""
+    rng = np.random.default_rng(seed)
+    solids = (dome(16), cube(20), dome(16) - cube(8, (-4, -4, 8)))
+    vertices, faces = arrays(solids[rng.integers(3)])
+    if rng.random() < 0.4:
+        solid = manifold3d.Manifold.cube([9.0] * 3).translate(list(rng.uniform(-8, 8, 3)))
+        vertices, faces = joined(dome(16), solid, inverted=(1,) if rng.random() < 0.3 else ())
+    for defect in rng.permutation(6)[: rng.integers(1, 4)]:
+        pick = rng.random(len(faces)) < rng.uniform(0, 0.3)
+        if defect == 0:
+            faces = faces[~pick]
+        elif defect == 1:
+            faces = np.where(pick[:, None], faces[:, ::-1], faces)
+        elif defect == 2:
+            faces = np.concatenate([faces, faces[pick]])
+        elif defect == 3:
+            vertices = vertices[faces].reshape(-1, 3)
+            vertices = vertices + rng.normal(0, 10 ** rng.uniform(-8, -1), vertices.shape)
+            faces = np.arange(len(vertices)).reshape(-1, 3)
+        elif defect == 4:
+            faces = np.concatenate([faces, rng.integers(0, len(vertices), (3, 3))])
+        else:
+            vertices = vertices + rng.normal(0, 10 ** rng.uniform(-4, 0), vertices.shape)
+    return vertices, faces
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(
+    deadline=None,
+    derandomize=True,
+    max_examples=60,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
+def test_whatever_is_wrong_the_outcome_is_a_solid_or_one_clear_line(monkeypatch, seed):
+    monkeypatch.setattr("vega_planner.part.remesh.GRID_POINTS", 8000)  # coarse, to be quick
+    try:
+        part = load_part(spoilt(seed), NO_BRR)
+    except BadMesh as error:
+        assert "\n" not in str(error) and "mesh 'part'" in str(error)
+    else:
+        assert_solid(part)
 
 
 def test_repair_can_be_cancelled_while_it_remeshes():

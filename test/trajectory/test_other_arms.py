@@ -113,7 +113,7 @@ def test_an_arm_of_six_joints_prints_a_dome(ur5e, name):
     for curve in ("cubic", "linear"):
         off = deviation(trajectory, toolpaths, ur5e, curve)
         assert off.tip_mm <= 0.010
-        assert off.axis_rad <= np.radians(0.2)
+        assert off.axis_rad <= np.radians(0.4)
     assert limit_excess(trajectory, ur5e.robot) <= 0.0
     assert largest_printing_step(trajectory, ur5e.robot) <= 0.2
 

@@ -116,7 +116,25 @@ def _lagged(beads: BeadRows, errors: Dispensing, along: Floats) -> BeadRows:
         extrude[inside] &= ~(late | early)
         for row, extra in ((first, -errors.start_lag_mm), (last, errors.stop_lag_mm)):
             if extra > 0:
-                # A round cake of the extra volume, as wide as it must be.
-                cake = area[row] * extra / beads.height[row] + 0.25 * np.pi * width[row] ** 2
-                width[row] = np.sqrt(4 * cake / np.pi)
+                width[row] = _blob_width(width[row], area[row] * extra / beads.height[row])
     return replace(beads, extrude=extrude, width=width)
+
+
+def _blob_width(width: float, extra: float) -> float:
+    """Find the width of a round cake at the end of a bead that adds an area to it.
+
+    Half of the cake lies ahead of the bead's end; of the other half only what stands
+    out beside the bead is new.
+
+    Args:
+        width: Width of the bead [mm].
+        extra: Area to add, seen along the axis [mm²].
+    """
+    small = 0.5 * width
+    low, high = small, small + np.sqrt(extra / np.pi) + np.sqrt(2 * extra)
+    for _ in range(50):
+        radius = 0.5 * (low + high)
+        hidden = small * np.sqrt(radius**2 - small**2) + radius**2 * np.arcsin(small / radius)
+        added = np.pi * radius**2 - hidden - 0.5 * np.pi * small**2
+        low, high = (radius, high) if added < extra else (low, radius)
+    return float(low + high)

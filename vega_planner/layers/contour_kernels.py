@@ -369,12 +369,15 @@ def settle(tri, corner, ring_start, ring, box, brr_tri, brr_box, h, r, hint, rim
         if q >= 0:
             _, fx, fy, fz = closest(brr_tri, q, v[0], v[1], v[2])
             v[0], v[1], v[2] = fx, fy, fz
-    s, _ = nearest_or_walk(
-        tri, corner, ring_start, ring, box, v[0], v[1], v[2], hint, stack, lower
-    )
-    d2, fx, fy, fz = closest(tri, s, v[0], v[1], v[2])
-    e = np.sqrt(d2)
-    if not rim and abs(e - r) > 2e-3 and e > 1e-9:
+    s = hint
+    for _ in range(3):
+        s, _ = nearest_or_walk(
+            tri, corner, ring_start, ring, box, v[0], v[1], v[2], s, stack, lower
+        )
+        d2, fx, fy, fz = closest(tri, s, v[0], v[1], v[2])
+        e = np.sqrt(d2)
+        if rim or abs(e - r) < 2e-3 or e < 1e-9:
+            break
         v[0] = fx + (v[0] - fx) * r / e
         v[1] = fy + (v[1] - fy) * r / e
         v[2] = fz + (v[2] - fz) * r / e
@@ -461,7 +464,25 @@ def make_vertices(
                             x = origin[0] + h * x
                             y = origin[1] + h * y
                             z = origin[2] + h * z
-                            if is_real(
+                            other = -1
+                            blocked = len(leave) > 1 and leave[na, e // 4] < 0.0
+                            if blocked:
+                                # A narrow slot lies between the nodes: the sheet ends at the
+                                # side of the slot that its level belongs to.
+                                mine, other = na, nb
+                                if abs(d[nb] - r) < abs(d[na] - r):
+                                    mine, other = nb, na
+                                px = origin[0] + h * (mine // (ny * nz))
+                                py = origin[1] + h * (mine // nz % ny)
+                                pz = origin[2] + h * (mine % nz)
+                                qx = origin[0] + h * (other // (ny * nz))
+                                qy = origin[1] + h * (other // nz % ny)
+                                qz = origin[2] + h * (other % nz)
+                                _, u = first_hit(brr_tri, brr_box, px, py, pz, qx, qy, qz, stack)
+                                x = px + u * (qx - px)
+                                y = py + u * (qy - py)
+                                z = pz + u * (qz - pz)
+                            if not blocked and is_real(
                                 tri, origin, h, state, d, slot, leave, na, e // 4, nb - na, ny, nz, r
                             ):  # fmt: skip
                                 real += 1
@@ -488,6 +509,8 @@ def make_vertices(
                                         limits[q] = max(limits[q], limit)
                                         break
                                 if not known and slot[m] >= 0:
+                                    if blocked and m == other:
+                                        continue
                                     limits[kinds] = limit
                                     for q in range(3):
                                         normals[kinds, q] = gradient[m, q]
@@ -514,6 +537,22 @@ def make_vertices(
                                 v[0] = fx + (v[0] - fx) * r / e2
                                 v[1] = fy + (v[1] - fy) * r / e2
                                 v[2] = fz + (v[2] - fz) * r / e2
+                            # Where another sheet is about, make sure that it is not nearer.
+                            least = 1.0
+                            for c in range(8):
+                                m = n + corner_step[c]
+                                if slot[m] >= 0:
+                                    least = min(
+                                        least,
+                                        gradient[m, 0] * normals[0, 0]
+                                        + gradient[m, 1] * normals[0, 1]
+                                        + gradient[m, 2] * normals[0, 2],
+                                    )
+                            if least < 0.9:
+                                hint = settle(
+                                    tri, corner, ring_start, ring, box, brr_tri, brr_box,
+                                    h, r, hint, False, v, stack, lower,
+                                )  # fmt: skip
                         else:
                             wall_count = 0
                             for q in range(beyond):

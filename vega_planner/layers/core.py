@@ -30,7 +30,7 @@ from vega_planner.layers.subdivide import split_long_edges
 from vega_planner.parallel import map_threads
 
 #: Pieces of a level set up to this width, in t, count as slivers that a grid may lose.
-SLIVER_RATIO = 0.8
+SLIVER_RATIO = 0.66
 
 #: Share of the volume that last layers may leave open or lay twice before they move.
 TOLERATED_RATIO = 0.002

@@ -33,7 +33,7 @@ CREASE_FACTOR = 1.12
 
 def grid_spacing(part: Part, t: float) -> float:
     """Choose the spacing h of the grid [mm]."""
-    return 0.8 * t
+    return 0.65 * t
 
 
 def field_layers(part: Part, settings: LayerSettings, report: Report) -> LayerStack:

@@ -165,14 +165,18 @@ def _united(solids: list[manifold3d.Manifold]) -> manifold3d.Manifold:
 
 
 def _tidied(vertices: Floats, faces: Ints, restrained: Bools) -> tuple[Floats, Ints, Bools]:
-    """Simplify an eroded solid and drop its specks.
+    """Simplify an eroded solid; drop its specks and bodies without a free face.
 
     It is taken in anew first: manifold3d joins coplanar triangles only where they stem
     from one original, and each swept triangle is an original of its own.
     """
     tagged = to_tagged_solid(vertices, faces, restrained)
     bodies = checked(tagged.solid.simplify(SIMPLIFY_MM), "simplifying").decompose()
-    kept = [body for body in bodies if body.volume() >= SPECK_MM3]
+    kept = [
+        body
+        for body in bodies
+        if body.volume() >= SPECK_MM3 and not from_solid(body, tagged.restrained_id)[2].all()
+    ]
     return from_solid(manifold3d.Manifold.compose(kept), tagged.restrained_id)
 
 

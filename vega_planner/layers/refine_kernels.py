@@ -51,6 +51,10 @@ def flag_edges(
                     flagged[f, c] = 1
                     total += 1
                 continue
+            if turn < -0.2:
+                # The edge joins two sides of a sliver that ends here; halving it would
+                # only make more such edges.
+                continue
             x = 0.5 * (vertices[a, 0] + vertices[b, 0])
             y = 0.5 * (vertices[a, 1] + vertices[b, 1])
             z = 0.5 * (vertices[a, 2] + vertices[b, 2])

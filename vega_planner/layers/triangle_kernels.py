@@ -283,21 +283,12 @@ def nearest_many(tri, box, points, first, last, slot, distance, foot):
 def walk(tri, corner, ring_start, ring, s, x, y, z):
     """Step from triangle to adjoining triangle while the distance falls.
 
-    A triangle that has the nearest point in its interior is taken at once.
-
     Returns:
         Slot and squared distance of a local minimum, and the nearest point on it.
     """
     least, qx, qy, qz = closest(tri, s, x, y, z)
     while True:
         here = s
-        off = (
-            tri[s, 9] * (x - tri[s, 0])
-            + tri[s, 10] * (y - tri[s, 1])
-            + tri[s, 11] * (z - tri[s, 2])
-        )
-        if off * off > least * (1.0 - 1e-10):
-            return s, least, qx, qy, qz
         for c in range(3):
             v = corner[here, c]
             for j in range(ring_start[v], ring_start[v + 1]):

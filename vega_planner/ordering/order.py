@@ -14,6 +14,7 @@ from vega_planner.datatypes import (
     Bools,
     Floats,
     Ints,
+    Layer,
     LayerStack,
     Patch,
     PrintabilityReport,
@@ -24,7 +25,6 @@ from vega_planner.ordering.graph import break_cycles, cycles, sequence
 from vega_planner.ordering.samples import Samples, sample_patches
 from vega_planner.parallel import map_threads
 from vega_planner.printability.assessment import (
-    OUTSIDE,
     OWN_LAYER_MM,
     Assessment,
     plate_tilt_limit,
@@ -49,8 +49,9 @@ SUPPORT_SHARE = 0.1
 BLOCK_SHARE = 0.02
 
 
-#: Share of a sheet's vertices that may be unclear in an order that is taken as it comes.
-UNCLEAR_SHARE = 0.02
+#: Share of the area that may collide or float in the natural order before another one is
+#: looked for.
+ACCEPTED_SHARE = 2e-3
 
 #: Share of a patch without anything under it that is told.
 FLOATING_SHARE = 0.05
@@ -103,7 +104,8 @@ class PrintOrder:
     def violations(self) -> tuple[Violation, ...]:
         """List what the sequence does not keep; empty for a sound one."""
         found = []
-        for a, b in zip(*np.nonzero(self.supports > SUPPORT_SHARE)):
+        lies_on = (self.supports > SUPPORT_SHARE) & (self.supports >= self.supports.T)
+        for a, b in zip(*np.nonzero(lies_on)):
             if a > b:
                 found.append(Violation("order", (int(a), int(b)), float(self.supports[a, b])))
         for a, b in zip(*np.nonzero(self.blocks > BLOCK_SHARE)):
@@ -145,7 +147,6 @@ def order_patches(
         The patches in print order with the proof.
     """
     patches = list(patches)
-    count = given = len(patches)
     tool = ToolShape.of(cell.tool)
     if assessment is not None:
         surroundings = assessment.surroundings
@@ -153,76 +154,85 @@ def order_patches(
         surroundings = mesh_field(cell.substrate, stage_height(stack))
     else:
         surroundings = EMPTY
-    if not count:
+    if not patches:
         empty = np.zeros((0, 0))
         base = _base_report(assessment)
         return PrintOrder((), empty, empty, np.zeros(0), np.zeros(0), base)
-    whole = assessment is not None and _are_sheets(patches, stack)
-    material = assessment.material if assessment is not None and whole else None
-    natural = assessment is not None and _one_sided(assessment)
-    graph = _Graph.of(
-        patches, stack, cell, surroundings, tool, settings, material, block=not natural
-    )
-    report(Progress("ordering", 0.3))
-    if natural:
-        # the assessment has proven every sheet clear of all that is laid before it
-        order = _natural_order(patches, stack)
-    else:
-        if graph.tangles() and settings.orientation == "collision-free":
-            graph = _untangled(graph, stack, cell, surroundings, tool, settings, report)
-        whole = whole and graph.material is material
+    task = _Task(stack, cell, settings, surroundings, tool, assessment)
+    graph = task.graph(patches)
+    report(Progress("ordering", 0.2))
+    found = None
+    if assessment is not None:
+        order = _with_cores_held(_natural_order(patches, assessment), graph, assessment)
+        found = _proven(task, graph, order, report)
+    if found is None or found.cost > ACCEPTED_SHARE * sum(patch.area for patch in patches):
+        graph = task.with_blocking(graph)
+        if settings.orientation == "collision-free" and graph.tangles():
+            graph = _untangled(task, graph, report)
         before, _ = break_cycles(graph.hard, graph.soft)
-        order = sequence(before, _keys(graph.patches, stack))
-    count = len(graph.patches)
-    material, samples, support = graph.material, graph.samples, graph.support
-    blocked, hard = graph.blocked, graph.hard
-    report(Progress("ordering", 0.4))
-    patches = [graph.patches[node] for node in order]
-    rank = np.empty(count, np.int64)
-    rank[order] = np.arange(count)
-    judged = assessment if whole else None
-    proven, bad = _prove(
-        patches, order, stack, material, surroundings, judged, cell, settings, report
-    )
-    floating = _floating(samples, support, rank, hard, count)
-    moved = np.ix_(order, order)
+        other = _proven(task, graph, sequence(before, _keys(graph.patches, stack)), report)
+        if found is None or other.cost < found.cost:
+            found = other
     base = _base_report(assessment)
-    if count > given and base.status == "fully":
+    if len(found.patches) > len(patches) and base.status == "fully":
         base = replace(base, status="conditionally")
-    final = _with_sequence(base, proven, bad, floating, cell)
-    colliding = np.array([_bad_area(patch, mask) for patch, mask in zip(proven, bad)])
     return PrintOrder(
-        tuple(proven), support.share[moved], blocked[moved], colliding, floating, final
+        found.patches,
+        found.supports,
+        found.blocks,
+        found.colliding,
+        found.floating,
+        _with_sequence(base, found),
     )
 
 
-def _are_sheets(patches: Sequence[Patch], stack: LayerStack) -> bool:
+def _are_sheets(patches: Sequence[Patch], sheets: Sequence[Layer]) -> bool:
     """Tell whether the patches are the sheets, whole and in their order."""
-    return len(patches) == len(stack.sheets) and all(
+    return len(patches) == len(sheets) and all(
         patch.layer == number
         and np.array_equal(patch.faces, sheet.faces)
         and np.array_equal(patch.vertices, sheet.vertices)
-        for number, (patch, sheet) in enumerate(zip(patches, stack.sheets))
+        for number, (patch, sheet) in enumerate(zip(patches, sheets))
     )
 
 
-def _one_sided(assessment: Assessment) -> bool:
-    """Tell whether all is printed from outside, clear of what the sheets before leave."""
-    return all(
-        (sheet.side == OUTSIDE).all() and sheet.outside.clear.mean() > 1 - UNCLEAR_SHARE
-        for sheet in assessment.sheets
-    )
+def _natural_order(patches: Sequence[Patch], assessment: Assessment) -> list[int]:
+    """What the assessment has proven: bowls from the outermost in, then from the inside out.
+
+    Planar sheets come from the bottom up; within a sheet the lowest piece comes first.
+    """
+    keys = []
+    for node, patch in enumerate(patches):
+        sheet = assessment.layers[patch.layer]
+        low = round(float(patch.vertices[:, 2].min()), 6)
+        bowl = _is_turned(patch, sheet)
+        up = bowl or sheet.kind == "planar"
+        keys.append((not bowl, patch.layer if up else -patch.layer, low, node))
+    return [key[-1] for key in sorted(keys)]
 
 
-def _natural_order(patches: Sequence[Patch], stack: LayerStack) -> list[int]:
-    """Sheets from the inside out, or from the bottom up; in a sheet the lowest piece first."""
+def _with_cores_held(order: list[int], graph: _Graph, assessment: Assessment) -> list[int]:
+    """Move the pieces of the core behind what they lie on, and before what lies on them."""
+    core = np.array([assessment.layers[p.layer].kind == "core" for p in graph.patches])
+    if not core.any():
+        return order
+    chain = np.zeros((len(order), len(order)), np.bool_)
+    firm = [node for node in order if not core[node]]
+    chain[firm[:-1], firm[1:]] = True
+    share = np.where(graph.hard, graph.support.share, 0.0)
+    share[~(core[:, None] | core[None, :])] = 0.0
+    before, _ = break_cycles(chain, share)
+    rank = np.empty(len(order), np.int64)
+    rank[order] = np.arange(len(order))
+    return sequence(before, [(int(k),) for k in rank])
 
-    def key(node: int) -> tuple:
-        sheet = patches[node].layer
-        turn = sheet if stack.sheets[sheet].kind == "planar" else -sheet
-        return turn, round(float(patches[node].vertices[:, 2].min()), 6), node
 
-    return sorted(range(len(patches)), key=key)
+def _is_turned(patch: Patch, sheet: Layer) -> bool:
+    """Tell whether a patch is printed from the inner side of its sheet."""
+    face = int(np.argmax(patch.face_areas))
+    middle = patch.vertices[patch.faces[face]].mean(0)
+    nearest = int(np.argmin(((sheet.vertices - middle) ** 2).sum(1)))
+    return bool(patch.face_normals[face] @ sheet.vertex_normals[nearest] < 0)
 
 
 def _keys(patches: Sequence[Patch], stack: LayerStack) -> list[tuple]:
@@ -246,31 +256,6 @@ class _Graph:
     support: Support
     blocked: Floats
 
-    @classmethod
-    def of(
-        cls,
-        patches: Sequence[Patch],
-        stack: LayerStack,
-        cell: Workcell,
-        surroundings: DistanceField,
-        tool: ToolShape,
-        settings: PrintabilitySettings,
-        material: Material | None = None,
-        block: bool = True,
-    ) -> _Graph:
-        count = len(patches)
-        if material is None:
-            material = Material(stack.part, patches, stage_height(stack))
-        owner = np.repeat(np.arange(count), np.diff(material.first))
-        samples = sample_patches(patches)
-        support = find_support(
-            samples, count, material, owner, surroundings, cell.placement.plate_z_mm
-        )
-        blocked = np.zeros((count, count))
-        if block:
-            blocked = find_blocking(samples, samples, count, tool, settings.clearance_mm)
-        return cls(tuple(patches), material, samples, support, blocked)
-
     @property
     def hard(self) -> Bools:
         """Edges of support: of two that lie on each other, the one that carries more."""
@@ -288,24 +273,48 @@ class _Graph:
         return cycles(self.hard | (self.soft > 0))
 
 
-def _untangled(
-    graph: _Graph,
-    stack: LayerStack,
-    cell: Workcell,
-    surroundings: DistanceField,
-    tool: ToolShape,
-    settings: PrintabilitySettings,
-    report: Report,
-) -> _Graph:
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """What stays the same while orders are tried."""
+
+    stack: LayerStack
+    cell: Workcell
+    settings: PrintabilitySettings
+    surroundings: DistanceField
+    tool: ToolShape
+    assessment: Assessment | None
+
+    def graph(self, patches: Sequence[Patch]) -> _Graph:
+        """Find what the patches lie on; blocking is left open."""
+        count = len(patches)
+        if self.assessment is not None and _are_sheets(patches, self.assessment.layers):
+            material = self.assessment.material
+        else:
+            material = Material(self.stack.part, patches, stage_height(self.stack))
+        owner = np.repeat(np.arange(count), np.diff(material.first))
+        samples = sample_patches(patches)
+        plate = self.cell.placement.plate_z_mm
+        support = find_support(samples, count, material, owner, self.surroundings, plate)
+        return _Graph(tuple(patches), material, samples, support, np.zeros((count, count)))
+
+    def with_blocking(self, graph: _Graph, patches: Sequence[Patch] | None = None) -> _Graph:
+        """Find what stands in the nozzle's way, with other axes where patches are given."""
+        patches = graph.patches if patches is None else tuple(patches)
+        samples = sample_patches(patches)
+        blocked = find_blocking(
+            samples, samples, len(patches), self.tool, self.settings.clearance_mm
+        )
+        return replace(graph, patches=patches, samples=samples, blocked=blocked)
+
+
+def _untangled(task: _Task, graph: _Graph, report: Report) -> _Graph:
     """Resolve cycles: first by steeper tool axes, then by cutting into bands of height."""
     for most_deg in TILTS_DEG:
         patches = list(graph.patches)
         for nodes in graph.tangles():
             for node in nodes:
-                patches[node] = _raised(patches[node], np.radians(most_deg), settings)
-        samples = sample_patches(patches)
-        blocked = find_blocking(samples, samples, len(patches), tool, settings.clearance_mm)
-        steeper = replace(graph, patches=tuple(patches), samples=samples, blocked=blocked)
+                patches[node] = _raised(patches[node], np.radians(most_deg))
+        steeper = task.with_blocking(graph, patches)
         if not steeper.tangles():
             return steeper
     for height in BANDS_MM:
@@ -317,134 +326,146 @@ def _untangled(
                 patches.append(patch)
                 continue
             low, high = patch.vertices[:, 2].min(), patch.vertices[:, 2].max()
-            first = cell.placement.plate_z_mm + height
+            first = task.cell.placement.plate_z_mm + height
             cuts = np.arange(first, high - 0.3 * height, height)
             patches += bands(patch, [float(z) for z in cuts if z > low + 0.3 * height])
         if len(patches) > MOST_PATCHES:
             break
         if len(patches) > len(graph.patches):
-            graph = _Graph.of(patches, stack, cell, surroundings, tool, settings)
+            graph = task.with_blocking(task.graph(patches))
         if not graph.tangles():
             break
     return graph
 
 
-def _raised(patch: Patch, most: float, settings: PrintabilitySettings) -> Patch:
+def _raised(patch: Patch, most: float) -> Patch:
     tilt = np.minimum(tilt_of(patch.tool_axes), most)
     return replace(patch, tool_axes=tilted(patch.tool_axes, tilt))
 
 
-def _prove(
-    patches: list[Patch],
-    order: list[int],
-    stack: LayerStack,
-    material: Material,
-    surroundings: DistanceField,
-    judged: Assessment | None,
-    cell: Workcell,
-    settings: PrintabilitySettings,
-    report: Report,
-) -> tuple[list[Patch], list[Bools]]:
-    """Check every patch against what is there when it is printed; raise where needed.
+@dataclass(frozen=True, eq=False)
+class _Proven:
+    """An order with its outcome, everything by position in the order."""
 
-    Where the patches are the sheets and `judged` has judged one against just what is
-    there, that outcome is taken.
-    """
-    tool = ToolShape.of(cell.tool)
-    bulk = ToolShape.of(cell.tool, OWN_LAYER_MM)
-    count = len(patches)
+    patches: tuple[Patch, ...]
+    supports: Floats
+    blocks: Floats
+    bad: tuple[Bools, ...]
+    colliding: Floats
+    floating: Floats
+
+    @property
+    def cost(self) -> float:
+        """Area [mm²] that collides or floats."""
+        return float(self.colliding.sum() + self.floating.sum())
+
+
+def _proven(task: _Task, graph: _Graph, order: list[int], report: Report) -> _Proven:
+    """Check every patch against what is there when it is printed; raise where needed."""
+    count = len(order)
+    patches = [graph.patches[node] for node in order]
     stages = []
     chosen = np.zeros(count, np.bool_)
     for node in order:
         stages.append(chosen.copy())
         chosen[node] = True
     stages.append(chosen)
-
-    def known(at: int) -> Bools | None:
-        sheet = order[at]
-        if judged is None or not np.array_equal(stages[at], printed_before(stack, sheet)):
-            return None
-        if not np.array_equal(patches[at].tool_axes, judged.sheets[sheet].outside.axes):
-            return None
-        return ~judged.sheets[sheet].outside.clear
+    material = graph.material
+    judged = task.assessment
+    same = judged is not None and material is judged.material
 
     def check(at: int) -> tuple[Patch, Bools]:
         patch = patches[at]
-        outcome = known(at)
-        if outcome is not None:
-            return patch, outcome
-        fields = [(surroundings, tool)]
-        if at:
-            fields.append((material.field_of(stages[at]), tool))
-        fields.append((material.field_of(stages[at + 1]), bulk))
-
-        def clearance(index: Ints, tips: Floats, axes: Floats) -> Floats:
-            gap = np.full(len(tips), np.inf)
-            for field, shape in fields:
-                gap = np.minimum(
-                    gap,
-                    field.clearance(
-                        shape, tips, axes, settings.clearance_mm, settings.clearance_mm
-                    ),
-                )
-            return gap
-
-        every = np.arange(len(patch.vertices))
-        gap = clearance(every, patch.vertices, patch.tool_axes)
-        limit = plate_tilt_limit(
-            patch.vertices,
-            patch.vertex_normals,
-            patch.thickness,
-            tool,
-            cell,
-            settings.clearance_mm,
-        )
-        tilt = tilt_of(patch.tool_axes)
-        hit = (gap < settings.clearance_mm) | (tilt > limit + 1e-6)
-        if not hit.any() or settings.orientation != "collision-free":
-            return patch, hit
-        todo = np.flatnonzero(hit)
-        start = np.clip(tilt[todo], 0.0, np.maximum(limit[todo], 0.0))
-        # the azimuth is the axis's own; an upright axis has none and stays
-        raised, found = raise_until_clear(
-            patch.vertices[todo],
-            patch.tool_axes[todo],
-            start,
-            lambda index, tips, axes: clearance(todo[index], tips, axes),
-            settings.clearance_mm,
-        )
-        new = tilt.copy()
-        new[todo[found]] = raised[found]
-        kept = ~hit
-        kept[todo[found]] = True
-        axes, clear = smoothed(
-            patch.vertices,
-            patch.faces,
-            patch.tool_axes,
-            new,
-            kept,
-            limit,
-            clearance,
-            settings,
-        )
-        return replace(patch, tool_axes=axes), ~clear
+        if same and judged is not None:
+            # the patches are the sheets: where one was judged against just what is there,
+            # that outcome is taken
+            side = judged.sheets[order[at]].outside
+            if np.array_equal(stages[at], printed_before(task.stack, order[at])) and (
+                np.array_equal(patch.tool_axes, side.axes)
+            ):
+                return patch, ~side.clear
+        return _cleared(task, patch, material, stages[at], stages[at + 1])
 
     done: list[tuple[Patch, Bools]] = []
     for first in range(0, count, 8):
         last = min(first + 8, count)
-        if judged is None:
+        if not same:
             material.prepare(stages[max(first, 1) : last + 1])
         done += map_threads(check, range(first, last))
-        if judged is None:
+        if not same:
             material.forget(stages[max(first, 1) : last])
         report(Progress("ordering", 0.4 + 0.6 * last / count))
-    return [patch for patch, _ in done], [hit for _, hit in done]
+    rank = np.empty(count, np.int64)
+    rank[order] = np.arange(count)
+    moved = np.ix_(order, order)
+    bad = tuple(hit for _, hit in done)
+    return _Proven(
+        patches=tuple(patch for patch, _ in done),
+        supports=graph.support.share[moved],
+        blocks=graph.blocked[moved],
+        bad=bad,
+        colliding=np.array([_bad_area(patch, hit) for patch, hit in done]),
+        floating=_floating(graph.samples, graph.support, rank, count),
+    )
 
 
-def _floating(samples: Samples, support: Support, rank: Ints, hard: Bools, count: int) -> Floats:
+def _cleared(
+    task: _Task, patch: Patch, material: Material, before: Bools, after: Bools
+) -> tuple[Patch, Bools]:
+    """Check a patch against the material of others and its own; raise the tool where needed.
+
+    Returns:
+        The patch, perhaps with other axes, and the vertices that stay unclear.
+    """
+    settings, tool = task.settings, task.tool
+    bulk = ToolShape.of(task.cell.tool, OWN_LAYER_MM)
+    fields = [
+        (task.surroundings, tool),
+        (material.field_of(before), tool),
+        (material.field_of(after), bulk),
+    ]
+    wanted = settings.clearance_mm
+
+    def clearance(index: Ints, tips: Floats, axes: Floats) -> Floats:
+        gap = np.full(len(tips), np.inf)
+        for field, shape in fields:
+            gap = np.minimum(gap, field.clearance(shape, tips, axes, wanted, wanted))
+        return gap
+
+    gap = clearance(np.arange(len(patch.vertices)), patch.vertices, patch.tool_axes)
+    limit = plate_tilt_limit(
+        patch.vertices, patch.vertex_normals, patch.thickness, tool, task.cell, wanted
+    )
+    tilt = tilt_of(patch.tool_axes)
+    hit = (gap < wanted) | (tilt > limit + 1e-6)
+    if not hit.any() or settings.orientation != "collision-free":
+        return patch, hit
+    todo = np.flatnonzero(hit)
+    start = np.clip(tilt[todo], 0.0, np.maximum(limit[todo], 0.0))
+    # the azimuth is the axis's own; an upright axis has none and stays
+    raised, found = raise_until_clear(
+        patch.vertices[todo],
+        patch.tool_axes[todo],
+        start,
+        lambda index, tips, axes: clearance(todo[index], tips, axes),
+        wanted,
+    )
+    new = tilt.copy()
+    new[todo[found]] = raised[found]
+    kept = ~hit
+    kept[todo[found]] = True
+    axes, clear = smoothed(
+        patch.vertices, patch.faces, patch.tool_axes, new, kept, limit, clearance, settings
+    )
+    return replace(patch, tool_axes=axes), ~clear
+
+
+def _floating(samples: Samples, support: Support, rank: Ints, count: int) -> Floats:
     """Area of each patch, by position, that has nothing under it when it is printed."""
     area = np.zeros(count)
     late = (support.share > SUPPORT_SHARE) & (rank[:, None] > rank[None, :])
+    # of two that lie on each other one has to come first
+    late &= ~(support.share < support.share.T)
     for node in range(count):
         own = samples.patch == node
         total = float(samples.area[own].sum())
@@ -467,18 +488,13 @@ def _base_report(assessment: Assessment | None) -> PrintabilityReport:
     return PrintabilityReport("fully", 1.0, 1.0, 1.0)
 
 
-def _with_sequence(
-    base: PrintabilityReport,
-    patches: Sequence[Patch],
-    bad: Sequence[Bools],
-    floating: Floats,
-    cell: Workcell,
-) -> PrintabilityReport:
+def _with_sequence(base: PrintabilityReport, proven: _Proven) -> PrintabilityReport:
     """Add to a report what only the sequence shows."""
+    patches = proven.patches
     total = sum(patch.area for patch in patches)
     reasons = list(base.reasons)
     lost = 0.0
-    for patch, hit in zip(patches, bad):
+    for patch, hit in zip(patches, proven.bad):
         area = _bad_area(patch, hit)
         if area > 1.0:
             lost += area
@@ -486,7 +502,7 @@ def _with_sequence(
             remedy = "split the layer lower, or choose another restraint region (--brr)"
             where = (float(middle[0]), float(middle[1]), float(middle[2]))
             reasons.append(Reason("printed_part", patch.layer, area, where, remedy))
-    for patch, area in zip(patches, floating):
+    for patch, area in zip(patches, proven.floating):
         if area > 1.0:
             middle = patch.vertices.mean(0)
             where = (float(middle[0]), float(middle[1]), float(middle[2]))

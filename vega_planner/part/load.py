@@ -96,7 +96,7 @@ def placed(vertices: Floats) -> Floats:
     low, high = vertices.min(0), vertices.max(0)
     anchor = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
     # What is left after one shift is rounding; shifting by it would move the last bit.
-    rounding = 1e-9 * (high - low).max()
+    rounding = 1e-12 * (high - low).max()
     anchor[np.abs(anchor) <= rounding] = 0.0
     shifted = vertices - anchor
     shifted[shifted[:, 2] <= rounding, 2] = 0.0

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vega_planner.datatypes import Floats, Ints
+from vega_planner.datatypes import Floats, Ints, face_cross
 from vega_planner.errors import BadMesh
 from vega_planner.part.overlap import overlap_depth
 from vega_planner.part.topology import (
@@ -29,6 +29,9 @@ from vega_planner.progress import Progress, Report, silent
 WELD_SHARE = 1e-5
 #: Triangles lower than this share of the part's size have no usable normal.
 SLIVER_SHARE = 1e-7
+#: Holes of more than this share of the surface are no holes: the surface is loose
+#: triangles, or open, and only winding numbers can tell what it means.
+MOST_FILLED = 0.75
 #: Overlaps no deeper than this [mm], or than a thousandth of the inside, do no harm.
 HARMLESS_MM = 0.1
 HARMLESS_SHARE = 1e-3
@@ -110,7 +113,10 @@ def _closed(
     filling = fill_holes(vertices, faces)
     filled = np.concatenate([faces, filling.faces])
     report(Progress("part", 0.4))
-    if filling.holes and (is_closed_surface(filled) or _unpinched(vertices, filled) is not None):
+    area = 0.5 * float(np.sqrt(_length2(face_cross(vertices, faces))).sum())
+    if filling.area_mm2 <= MOST_FILLED * area and (
+        is_closed_surface(filled) or _unpinched(vertices, filled) is not None
+    ):
         remarks.append(
             f"{filling.holes} hole(s) were filled with {filling.area_mm2:.4g} mm² of surface, "
             f"the widest {filling.widest_mm:.4g} mm"

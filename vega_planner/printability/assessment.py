@@ -10,7 +10,7 @@ from their inner side.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,6 +28,7 @@ from vega_planner.parallel import map_threads
 from vega_planner.printability.islands import neighbours_of, without_islands
 from vega_planner.printability.line_of_sight import Occluder
 from vega_planner.printability.material import EMPTY, DistanceField, Material, mesh_field
+from vega_planner.printability.mesh_kernels import components
 from vega_planner.printability.orientation import orient, tilt_of
 from vega_planner.printability.reasons import reasons_of
 from vega_planner.printability.tool_shape import ToolShape
@@ -52,6 +53,9 @@ WIDTH_RATIO = 1.5
 #: Downward share of the normal from which on a face lies on the substrate or the layer
 #: under it, and from which on it lies on the plate. (The foot of a leaning wall does not.)
 FACES_DOWN, LIES_ON_PLATE = 0.03, 0.5
+
+#: Finest spacing of the grids that hold what is there [mm].
+FINEST_MM = 0.65
 
 #: Sheets judged between two reports of progress.
 AT_ONCE = 8
@@ -107,12 +111,15 @@ class Assessment:
 
     Attributes:
         report: The outcome by area.
+        layers: The sheets as they were judged: those of the stack, cores turned so that
+            they face up.
         sheets: One judgement per sheet of the stack.
         surroundings: Distance field of the substrate; empty without one.
         material: The part's material by sheet.
     """
 
     report: PrintabilityReport
+    layers: tuple[Layer, ...]
     sheets: tuple[SheetAssessment, ...]
     surroundings: DistanceField
     material: Material
@@ -120,7 +127,7 @@ class Assessment:
 
 def stage_height(stack: LayerStack) -> float:
     """Choose the finest grid spacing that matches the layers' thickness [mm]."""
-    return float(min(0.8, stack.thickness_mm))
+    return float(min(FINEST_MM, stack.thickness_mm))
 
 
 def printed_before(stack: LayerStack, sheet: int) -> Bools:
@@ -132,6 +139,19 @@ def printed_before(stack: LayerStack, sheet: int) -> Bools:
     if stack.sheets[sheet].kind == "planar":
         return index < sheet
     return index > sheet
+
+
+def with_upright_cores(stack: LayerStack) -> LayerStack:
+    """Turn the pieces of core sheets that face down over: a core has no outer side."""
+    cores = []
+    for core in stack.cores:
+        piece = np.empty(len(core.faces), np.int64)
+        count = components(len(core.vertices), core.faces, piece)
+        down = np.bincount(piece, core.face_normals[:, 2] * core.face_areas, count) < 0
+        faces = core.faces.copy()
+        faces[down[piece]] = faces[down[piece], ::-1]
+        cores.append(replace(core, faces=faces))
+    return replace(stack, cores=tuple(cores))
 
 
 def assess_printability(
@@ -151,6 +171,7 @@ def assess_printability(
     Source:
         VEGA paper, section II, F_p = f1 and f2; the solid check f2s is added here.
     """
+    stack = with_upright_cores(stack)
     sheets = stack.sheets
     tool = ToolShape.of(cell.tool)
     bulk = ToolShape.of(cell.tool, OWN_LAYER_MM)
@@ -204,7 +225,7 @@ def assess_printability(
         judged.append(SheetAssessment(side_out, inner, label))
         report(Progress("printability", 0.7 + 0.3 * (number + 1) / len(sheets)))
     summary = _summarise(stack, judged, cell, settings)
-    return Assessment(summary, tuple(judged), surroundings, material)
+    return Assessment(summary, sheets, tuple(judged), surroundings, material)
 
 
 def _covered(layer: Layer, held: Bools, bowl: DistanceField, surroundings: DistanceField) -> Ints:
@@ -379,12 +400,18 @@ def _summarise(
         access += _area_where(area, faces, sheet.outside.seen | _used(layer, sheet, INSIDE))
         clear += _area_where(area, faces, np.any([s.clear for s in sides], axis=0))
         printable += float(area[sheet.side != NEITHER].sum())
-        split += len(np.unique(sheet.side[sheet.side != NEITHER])) > 1
+        if layer.kind != "core":
+            split += len(np.unique(sheet.side[sheet.side != NEITHER])) > 1
         code = np.zeros(len(faces), np.int64)
         bad = np.flatnonzero(sheet.side == NEITHER)
         code[bad] = sheet.outside.code[faces[bad]].max(1)
         codes.append(code)
-    whole = all((sheet.side == OUTSIDE).all() for sheet in judged)
+    # what fills the core has no outer side and is printed from wherever it can be
+    whole = all(
+        (sheet.side == OUTSIDE).all()
+        for layer, sheet in zip(stack.sheets, judged)
+        if layer.kind != "core"
+    )
     total = max(total, 1e-300)
     status = "fully" if whole else "conditionally"
     if printable < (1 - NEGLIGIBLE_RATIO) * total:

@@ -12,6 +12,7 @@ import numpy as np
 from vega_planner.datatypes import Bools, Floats, Ints, LayerStack, Patch, ToolpathSet
 from vega_planner.parallel import map_threads
 from vega_planner.printability import bead_kernels
+from vega_planner.printability.assessment import stage_height
 from vega_planner.printability.certificate import certificate
 from vega_planner.printability.material import EMPTY, DistanceField, grid_for, mesh_field
 from vega_planner.printability.tool_shape import STEP_MM, ToolShape
@@ -107,7 +108,7 @@ def check_toolpaths(
     del patches
     way = _waypoints(toolpaths)
     near, whole = ToolShape.of(cell.tool), ToolShape.of(cell.tool, 0.0)
-    finest = float(min(0.8, stack.thickness_mm))
+    finest = stage_height(stack)
     gap = near.height_above(way.points, way.axes) - cell.placement.plate_z_mm
     name = np.where(gap < 0, "plate", "").astype(object)
     if cell.substrate is not None:
@@ -212,7 +213,7 @@ class Surroundings:
         self._near = ToolShape.of(cell.tool)
         self._whole = ToolShape.of(cell.tool, 0.0)
         self._plate = cell.placement.plate_z_mm
-        finest = float(min(0.8, stack.thickness_mm))
+        finest = stage_height(stack)
         self._fixed = EMPTY if cell.substrate is None else mesh_field(cell.substrate, finest)
         self._beads = _Beads(toolpaths, self._way, finest)
         starts = np.flatnonzero(np.diff(self._way.path, prepend=np.iinfo(np.int64).min))

@@ -80,7 +80,7 @@ def split_layers(
     """
     patches: list[Patch] = []
     plate = float(cell.placement.plate_z_mm)
-    pieces = list(zip(range(len(stack.sheets)), stack.sheets, assessment.sheets))
+    pieces = list(zip(range(len(stack.sheets)), assessment.layers, assessment.sheets))
     with _one_blas_thread(any(len(np.unique(s.side)) > 1 for s in assessment.sheets)):
         for first in range(0, len(pieces), 8):
             for found in map_threads(_split_sheet, pieces[first : first + 8]):

@@ -258,7 +258,7 @@ def _outline_below(part: Part, top: float) -> Floats:
 
 
 def _frustum(
-    outline: Floats, grow_top: float, grow_bottom: float, bottom: float, top: float
+    outline: Floats, grow_bottom: float, grow_top: float, bottom: float, top: float
 ) -> Any:
     """Convex solid between an outline grown by one distance below and another above."""
     import manifold3d

@@ -46,3 +46,41 @@ def fill_width(cell: Floats, height: Floats, nominal: float) -> Floats:
     """
     cell = np.clip(cell, LEAST_FLOW * nominal, MOST_FLOW * nominal)
     return np.maximum(cell + ROUNDING * height, height)
+
+
+def lean(points: Floats, axes: Floats, normals: Floats) -> Floats:
+    """Sine of the angle by which the nozzle leans across the path.
+
+    Args:
+        points: A pass, shape (n, 3), n >= 2.
+        axes: Unit vectors from the tip back along the nozzle, shape (n, 3).
+        normals: Normals of the surface, any length, shape (n, 3).
+    """
+    along = np.gradient(points, axis=0)
+    across = np.cross(normals, along)
+    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
+    up = np.cross(along, across)
+    up /= np.maximum(np.linalg.norm(up, axis=1, keepdims=True), 1e-12)
+    side = np.einsum("ij,ij->i", axes, across)
+    return np.abs(side) / np.maximum(np.hypot(side, np.einsum("ij,ij->i", axes, up)), 1e-12)
+
+
+def leaning_section(width: Floats, height: Floats, sine: Floats) -> tuple[Floats, Floats]:
+    """Reshape a bead laid with a nozzle that leans, keeping its section area.
+
+    A flat bead turned by an angle d stands out of its layer, by (w - h)/2 sin d + h/2
+    from the middle. With the area A fixed this is least at
+    h^2 = A sin d / (1 - pi/4 sin d), or at the round bead where that is higher than wide.
+
+    Args:
+        width: Width of the upright bead [mm], shape (n,).
+        height: Its height [mm], shape (n,).
+        sine: sin d, shape (n,).
+
+    Returns:
+        Width and height, the height no less than before.
+    """
+    area = section_area(width, height)
+    best = np.sqrt(area * sine / (1 - math.pi / 4 * sine))
+    height = np.maximum(height, np.minimum(best, np.sqrt(area / (math.pi / 4))))
+    return np.maximum(area / height + ROUNDING * height, height), height

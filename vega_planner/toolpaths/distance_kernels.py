@@ -229,8 +229,11 @@ def march(V, F, offsets, star, d, g, carried, fixed, limit):
 
 
 @njit(nogil=True, cache=True)
-def _to_segment(p, a, b, foot):
-    """Distance of p from the segment a-b; `foot` receives the nearest point."""
+def _to_segment(p, a, b, foot, beyond):
+    """Distance of p from the segment a-b; `foot` receives the nearest point.
+
+    The segment goes on `beyond` its ends by that part of its length.
+    """
     dx = b[0] - a[0]
     dy = b[1] - a[1]
     dz = b[2] - a[2]
@@ -238,7 +241,7 @@ def _to_segment(p, a, b, foot):
     w = 0.0
     if ll > 0.0:
         w = ((p[0] - a[0]) * dx + (p[1] - a[1]) * dy + (p[2] - a[2]) * dz) / ll
-        w = min(max(w, 0.0), 1.0)
+        w = min(max(w, -beyond), 1.0 + beyond)
     foot[0] = a[0] + w * dx
     foot[1] = a[1] + w * dy
     foot[2] = a[2] + w * dz
@@ -281,7 +284,7 @@ def start_at_rim(V, F, offsets, star, rim, d, g, carried, fixed):
             for c in range(3):
                 if F[t, c] == i and F[t, (c + 1) % 3] == j:
                     k = F[t, (c + 2) % 3]
-                    _to_segment(V[k], V[i] - 1e6 * (V[j] - V[i]), V[i] + 1e6 * (V[j] - V[i]), foot)
+                    _to_segment(V[k], V[i], V[j], foot, 1e6)
                     h = math.sqrt(
                         (V[k, 0] - foot[0]) ** 2
                         + (V[k, 1] - foot[1]) ** 2
@@ -311,7 +314,7 @@ def start_at_rim(V, F, offsets, star, rim, d, g, carried, fixed):
                         b = after[a] if direction == 0 else before[a]
                         if b < 0:
                             break
-                        x, w = _to_segment(V[v], V[a], V[b], foot)
+                        x, w = _to_segment(V[v], V[a], V[b], foot, 0.0)
                         if x < d[v]:
                             d[v] = x
                             fixed[v] = True
@@ -354,7 +357,7 @@ def start_at_zero(V, F, f, d, g, fixed):
             ll += (ends[1, m] - ends[0, m]) ** 2
         for c in range(3):
             v = F[t, c]
-            x, w = _to_segment(V[v], ends[0], ends[1], foot)
+            x, w = _to_segment(V[v], ends[0], ends[1], foot, 1e6)
             if x < d[v]:
                 d[v] = x
                 fixed[v] = True

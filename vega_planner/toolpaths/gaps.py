@@ -16,7 +16,7 @@ from vega_planner.toolpaths.surface import Surface
 LONELY = 0.5
 
 #: A line shorter than this, in spacings, is not worth a start and a stop.
-_SHORTEST = 0.8
+_SHORTEST = 1.2
 
 
 def ridge_vertices(surface: Surface, gradient: Floats) -> Bools:
@@ -40,7 +40,7 @@ def lines_in_gaps(
 
     Args:
         surface: Connectivity of the patch.
-        values: What to interpolate along the lines, shape (n, 9).
+        values: What to interpolate along the lines, shape (n, 12).
         lines: What is laid already.
         candidates: Vertices that may lie in a gap, shape (n,).
         levels: Field whose whole part becomes the level of the lines, shape (n,).

@@ -10,11 +10,13 @@ import numpy as np
 from vega_planner.datatypes import Floats, Ints, Patch
 from vega_planner.toolpaths.isoline_kernels import gather, trace_isolines
 from vega_planner.toolpaths.surface import Surface
+from vega_planner.toolpaths.topology_kernels import vertex_normals
 
 #: Columns of a row of a line: position, tool axis, layer thickness, width of the strip
-#: to fill, distance from the rim.
+#: to fill, distance from the rim, normal of the surface.
 POSITION, AXIS, THICKNESS, CELL, RIM = slice(0, 3), slice(3, 6), 6, 7, 8
-COLUMNS = 9
+NORMAL = slice(9, 12)
+COLUMNS = 12
 
 #: A vertex this near a level (as part of the spacing) is moved off it, so that a line
 #: never runs through a vertex.
@@ -27,7 +29,7 @@ class Line:
 
     Attributes:
         rows: Position, axis, thickness, width to fill, distance from the rim, shape
-            (n, 9); a closed line does not repeat its first row.
+            (n, 12); a closed line does not repeat its first row.
         level: Number of the isoline it is.
         closed: True for a loop.
         component: Connected piece of the patch it lies on.
@@ -57,7 +59,7 @@ def isolines(surface: Surface, field: Floats, values: Floats, top: int) -> list[
     Args:
         surface: The patch.
         field: Values at the vertices, none a whole number, shape (n,).
-        values: What to interpolate along the lines, shape (n, 9).
+        values: What to interpolate along the lines, shape (n, 12).
         top: Highest level.
 
     Returns:
@@ -83,13 +85,14 @@ def isolines(surface: Surface, field: Floats, values: Floats, top: int) -> list[
 
 
 def vertex_values(patch: Patch, cell: Floats | float, rim_distance: Floats) -> Floats:
-    """Put what is interpolated along a line side by side, shape (n, 9)."""
+    """Put what is interpolated along a line side by side, shape (n, 12)."""
     values = np.empty((len(patch.vertices), COLUMNS))
     values[:, POSITION] = patch.vertices
     values[:, AXIS] = patch.tool_axes
     values[:, THICKNESS] = patch.thickness
     values[:, CELL] = cell
     values[:, RIM] = rim_distance
+    values[:, NORMAL] = vertex_normals(patch.vertices, patch.faces)
     return values
 
 

@@ -21,11 +21,17 @@ from vega_planner.datatypes import (
 from vega_planner.parallel import map_threads
 from vega_planner.progress import Progress, Report, silent
 from vega_planner.settings import ToolpathSettings
-from vega_planner.toolpaths.bead import fill_spacing, fill_width
+from vega_planner.toolpaths.bead import (
+    fill_spacing,
+    fill_width,
+    lean,
+    leaning_section,
+    section_area,
+)
 from vega_planner.toolpaths.contour import contour_lines
-from vega_planner.toolpaths.isolines import AXIS, CELL, POSITION, THICKNESS, Line
+from vega_planner.toolpaths.isolines import AXIS, CELL, NORMAL, POSITION, THICKNESS, Line
 from vega_planner.toolpaths.linking import Pass, link_lines, link_loops
-from vega_planner.toolpaths.planar import concentric_lines, parallel_lines
+from vega_planner.toolpaths.planar import concentric_lines, is_flat, parallel_lines
 from vega_planner.toolpaths.polyline_kernels import resample
 from vega_planner.toolpaths.rim import Ground, ground_of
 from vega_planner.toolpaths.smoothing_kernels import smooth_axes, without_crowding
@@ -48,6 +54,9 @@ CROWDED_MM, CALM_MM = 0.03, 1.0
 #: The seam, where loops start, moves on by this from one patch to the next but one, so
 #: that seams do not pile up and the way to the next start stays short.
 _SEAM_TURN_DEG = 25.0
+
+#: The flow of a patch is changed by at most this part to get its volume right.
+_MOST_BALANCE = 0.03
 
 #: The layers below the outermost one give at most this much of their flow to it.
 _LEAST_INNER_FLOW = 0.95
@@ -158,7 +167,7 @@ def patch_passes(
     Args:
         patch: The patch.
         index: Its place in the print order, which turns zigzag lines and the seam.
-        flat: Whether it belongs to a planar stack.
+        flat: Whether it belongs to a planar stack, with walls inside the outline.
         settings: Pattern, spacing and linking.
         ground: What a rim may stand on.
         overlap: Part of the spacing by which lines lie closer.
@@ -176,8 +185,9 @@ def patch_passes(
     surface = connect(patch)
     nested = True
     euclidean = settings.spacing == "euclidean"
-    if flat and settings.pattern != "zigzag":
-        lines = concentric_lines(surface, patch, spacing)
+    if settings.pattern != "zigzag" and (flat or is_flat(patch)):
+        lines = concentric_lines(surface, patch, spacing, inside=flat)
+        lines = [_scaled(line, flow) for line in lines]
         found = link_loops(lines, spacing, longest, toward)
     elif settings.pattern == "zigzag":
         angle = settings.angle_deg + 90.0 * (patch.layer % 2)
@@ -203,7 +213,30 @@ def patch_passes(
         for item in found
         if len(item.rows) >= 2
     ]
-    return thinned, nested
+    return (thinned if euclidean else _balanced(thinned, patch, flow, settings)), nested
+
+
+def _balanced(
+    passes: list[Pass], patch: Patch, flow: float, settings: ToolpathSettings
+) -> list[Pass]:
+    """Scale the flow of a patch a little, so that its passes deposit its volume.
+
+    What cannot be filled where it is missing (the wedge between a rim and the plate, a
+    sharp corner) is pressed there by what lies around it.
+    """
+    wanted = flow * float(patch.face_areas @ patch.thickness[patch.faces].mean(1))
+    laid = 0.0
+    for item in passes:
+        area = section_area(_width(item.rows, settings), item.rows[:, THICKNESS])
+        step = np.linalg.norm(np.diff(item.rows[:, POSITION], axis=0), axis=1)
+        laid += float((0.5 * (area[1:] + area[:-1]) * step).sum())
+    factor = float(np.clip(wanted / max(laid, 1e-9), 1 - _MOST_BALANCE, 1 + _MOST_BALANCE))
+    balanced = []
+    for item in passes:
+        rows = item.rows.copy()
+        rows[:, CELL] *= factor
+        balanced.append(Pass(rows, item.closed))
+    return balanced
 
 
 def _scaled(line: Line, flow: float) -> Line:
@@ -246,11 +279,18 @@ def _toolpath(
     rows: Floats, closed: bool, patch: int, layer: int, settings: ToolpathSettings
 ) -> Toolpath:
     height = rows[:, THICKNESS]
-    nominal = fill_spacing(settings.width_mm, float(np.median(height)))
-    width = fill_width(rows[:, CELL], height, nominal)
+    width = _width(rows, settings)
+    leaning = lean(rows[:, POSITION], rows[:, AXIS], rows[:, NORMAL])
+    width, height = leaning_section(width, height, leaning)
     return Toolpath(
         rows[:, POSITION], rows[:, AXIS], width, height, patch=patch, layer=layer, closed=closed
     )
+
+
+def _width(rows: Floats, settings: ToolpathSettings) -> Floats:
+    height = rows[:, THICKNESS]
+    nominal = fill_spacing(settings.width_mm, float(np.median(height)))
+    return fill_width(rows[:, CELL], height, nominal)
 
 
 def _moves(

@@ -46,8 +46,23 @@ def link_loops(lines: list[Line], spacing: float, longest: float, toward: Floats
     while waiting:
         line = waiting.pop(0)
         start = int(np.argmax(line.rows[:, POSITION] @ toward))
+        if passes:
+            start = _gate(line, waiting, start)
         passes.append(_walk(line, start, waiting, spacing, longest))
     return passes
+
+
+def _gate(line: Line, waiting: list[Line], otherwise: int) -> int:
+    """Row of a line that is nearest to a line of the next level, so that it can go on."""
+    best, row = np.inf, otherwise
+    for other in waiting:
+        if other.level != line.level + 1 or other.component != line.component:
+            continue
+        for n in range(0, len(line.rows), 3):
+            distance = nearest_on(other.rows, other.closed, line.rows[n])[0]
+            if distance < best:
+                best, row = distance, n
+    return row
 
 
 def _walk(line: Line, start: int, waiting: list[Line], spacing: float, longest: float) -> Pass:

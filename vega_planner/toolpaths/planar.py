@@ -17,6 +17,7 @@ from vega_planner.toolpaths.isolines import (
     AXIS,
     CELL,
     COLUMNS,
+    NORMAL,
     POSITION,
     RIM,
     THICKNESS,
@@ -85,17 +86,16 @@ def parallel_lines(
     thickness = float(patch.thickness.mean())
     inset = 0.5 * spacing + 0.5 * ROUNDING * thickness
     walls = [
-        _line(ring, True, 0, height, thickness, spacing)
-        for ring in _rings(shape.buffer(-inset, join_style="mitre"))
+        _line(ring, True, 0, height, thickness, spacing) for ring in _rings(_offset(shape, -inset))
     ]
-    inside = shape.buffer(-_LINK_ROOM * spacing, join_style="mitre")
+    inside = _offset(shape, -_LINK_ROOM * spacing)
     if inside.is_empty:
         return concentric_lines(surface, patch, spacing), [], []
     guides = [_line(ring, True, 0, height, thickness, spacing) for ring in _rings(inside)]
     angle = math.radians(angle_deg)
     along = np.array([math.cos(angle), math.sin(angle)])
     across = np.array([-along[1], along[0]])
-    corners = np.asarray(shapely.get_coordinates(shape.buffer(-spacing, join_style="mitre")))
+    corners = np.asarray(shapely.get_coordinates(_offset(shape, -spacing)))
     low, high = (corners @ across).min(), (corners @ across).max()
     first, last = (corners @ along).min() - 1, (corners @ along).max() + 1
     count = max(1, math.ceil((high - low) / (1.01 * spacing)))
@@ -111,13 +111,29 @@ def parallel_lines(
     return walls, lines, guides
 
 
-def concentric_lines(surface: Surface, patch: Patch, spacing: float) -> list[Line]:
+def _offset(shape: Any, distance: float) -> Any:
+    """Grow a region, or shrink it below zero, with sharp corners."""
+    # the corner arithmetic divides by zero where edges turn back, and copes with it
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return shape.buffer(distance, join_style="mitre")
+
+
+def is_flat(patch: Patch) -> bool:
+    """Tell whether a patch is horizontal and printed upright."""
+    return bool(np.ptp(patch.vertices[:, 2]) < 1e-3 and patch.tool_axes[:, 2].min() > 1 - 1e-9)
+
+
+def concentric_lines(
+    surface: Surface, patch: Patch, spacing: float, *, inside: bool = True
+) -> list[Line]:
     """Lay loops from the outline inwards, and centre lines where no loop fits.
 
     Args:
         surface: Connectivity of the patch.
         patch: A flat patch, normals along z.
         spacing: Distance between walls [mm].
+        inside: Keep the first wall inside the outline; else it is half a spacing from
+            it, so that its round side stands out as much as it lacks.
 
     Returns:
         Lines by level, the outermost first.
@@ -129,16 +145,16 @@ def concentric_lines(surface: Surface, patch: Patch, spacing: float) -> list[Lin
     left, level = shape, 0
     # The round side of the first wall touches the outline; what it lacks there, it has
     # too much of towards the second wall.
-    inset = 0.5 * spacing + 0.5 * ROUNDING * thickness
+    inset = 0.5 * spacing + (0.5 * ROUNDING * thickness if inside else 0.0)
     while not left.is_empty:
         # two walls side by side need room; a narrower place gets one line in its middle
         need = max(_TWO_WALLS * spacing, inset)
-        wide = left.buffer(-need, join_style="mitre").buffer(need, join_style="mitre")
-        walls = wide.intersection(left).buffer(-inset, join_style="mitre")
-        covered = walls.buffer(inset + 1e-6, join_style="mitre")
+        wide = _offset(_offset(left, -need), need)
+        walls = _offset(wide.intersection(left), -inset)
+        covered = _offset(walls, inset + 1e-6)
         strips = [_strip_line(strip, spacing) for strip in _polygons(left.difference(covered))]
         found = [strip for strip in strips if strip is not None]
-        rest = wide.buffer(-spacing, join_style="mitre")
+        rest = _offset(wide, -spacing)
         rings = _rings(walls)
         taken = sum(cell * _length(points, closed) for points, closed, cell in found)
         length = sum(_length(ring, True) for ring in rings)
@@ -177,6 +193,7 @@ def _line(
     rows[:, THICKNESS] = thickness
     rows[:, CELL] = cell
     rows[:, RIM] = 0.0
+    rows[:, NORMAL] = (0.0, 0.0, 1.0)
     return Line(rows, level, closed, 0)
 
 
@@ -195,7 +212,7 @@ def _strip_line(strip: Any, spacing: float) -> tuple[Floats, bool, float] | None
     if area < 0.15 * spacing**2:
         return None
     if strip.interiors:
-        for part in _polygons(strip.buffer(-0.6 * area / strip.length, join_style="mitre")):
+        for part in _polygons(_offset(strip, -0.6 * area / strip.length)):
             if part.interiors:
                 points = _outer_ring(part)
                 return points, True, area / _length(points, True)
@@ -204,7 +221,14 @@ def _strip_line(strip: Any, spacing: float) -> tuple[Floats, bool, float] | None
     length = float(line_length(rows, False))
     if length < 0.8 * spacing or area / length < 0.25 * spacing:
         return None
-    return rows[:, :2], False, area / length
+    # the ends turn into corners of the strip; the bead's own end reaches that far
+    step = np.linalg.norm(np.diff(rows, axis=0), axis=1)
+    walked = np.concatenate([[0.0], np.cumsum(step)])
+    inner = (walked >= 0.5 * area / length) & (walked <= length - 0.5 * area / length)
+    if inner.sum() < 2:
+        return None
+    points = rows[inner, :2]
+    return points, False, area / max(_length(points, False), 1e-9)
 
 
 def _outer_ring(part: Any) -> Floats:

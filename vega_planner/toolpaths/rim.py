@@ -23,7 +23,7 @@ from vega_planner.toolpaths.surface import Surface
 _FLATTEST = 0.25
 
 #: The first bead is at least this much wider than high [mm], so that it has a width.
-_FLAT_PART = 0.1
+_FLAT_PART = 0.04
 
 #: How what the first bead cannot fill is shared out to the next loops.
 _SHARES = (0.5, 0.3, 0.2)

@@ -86,6 +86,32 @@ def unique_edges(faces, offsets, star):
 
 
 @njit(nogil=True, cache=True)
+def vertex_normals(vertices, faces):
+    """Unit normals at the vertices, the faces weighted by their area, shape (n, 3)."""
+    out = np.zeros(vertices.shape)
+    e = np.empty(3)
+    f = np.empty(3)
+    for t in range(faces.shape[0]):
+        i, j, k = faces[t, 0], faces[t, 1], faces[t, 2]
+        for c in range(3):
+            e[c] = vertices[j, c] - vertices[i, c]
+            f[c] = vertices[k, c] - vertices[i, c]
+        for c in range(3):
+            a = (c + 1) % 3
+            b = (c + 2) % 3
+            x = e[a] * f[b] - e[b] * f[a]
+            out[i, c] += x
+            out[j, c] += x
+            out[k, c] += x
+    for v in range(out.shape[0]):
+        size = (out[v, 0] ** 2 + out[v, 1] ** 2 + out[v, 2] ** 2) ** 0.5
+        if size > 0.0:
+            for c in range(3):
+                out[v, c] /= size
+    return out
+
+
+@njit(nogil=True, cache=True)
 def find_root(parent, v):
     """Find the root of a union-find tree, halving the path on the way."""
     while parent[v] != v:

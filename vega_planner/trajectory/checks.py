@@ -77,49 +77,64 @@ def limit_excess(trajectory: PrintTrajectory, robot: Robot) -> float:
 def deviation(
     trajectory: PrintTrajectory, toolpaths: ToolpathSet, cell: Workcell, curve: str = "cubic"
 ) -> Deviation:
-    """Measure how far the nozzle leaves the passes while printing."""
+    """Measure how far the nozzle leaves the passes while printing.
+
+    The tip is compared with the nearest place of its pass; the axis with the one the pass
+    has, turned evenly, after the length that has been printed of it.
+    """
     tip, axis = 0.0, 0.0
-    bead = trajectory.extrude[1:]
+    owner = np.where(trajectory.extrude[1:], trajectory.path_id[1:], -1)
+    known, _ = cell.to_part(*cell.robot.forward(trajectory.positions))
+    step = np.linalg.norm(np.diff(known, axis=0), axis=1)
     for place in (*_PLACES, 1.0):
         q, _, _ = joint_states(trajectory, place, curve)
-        points, axes = cell.to_part(*cell.robot.forward(q[bead]))
-        owner = trajectory.path_id[1:][bead]
+        points, axes = cell.to_part(*cell.robot.forward(q))
         for k, path in enumerate(toolpaths.passes):
             mine = owner == k
-            if mine.any():
-                off, turned = _off_path(points[mine], axes[mine], path.points, path.axes)
-                tip, axis = max(tip, float(off.max())), max(axis, float(turned.max()))
+            if not mine.any():
+                continue
+            tip = max(tip, float(_distances(points[mine], path.points).max()))
+            printed = np.cumsum(step[mine]) - (1.0 - place) * step[mine]
+            wanted = _axes_after(printed, path.points, path.axes)
+            half = 0.5 * np.linalg.norm(wanted - axes[mine], axis=1)
+            axis = max(axis, float(2.0 * np.arcsin(np.clip(half, 0.0, 1.0)).max()))
     return Deviation(tip, axis)
 
 
-def _off_path(
-    points: Floats, axes: Floats, path: Floats, path_axes: Floats
-) -> tuple[Floats, Floats]:
-    """Distances from a polyline and angles from its axes at the nearest places."""
+def _axes_after(printed: Floats, path: Floats, axes: Floats) -> Floats:
+    """Axes of a pass after lengths along it, turned evenly from point to point."""
+    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
+    k = np.clip(np.searchsorted(length, printed, side="right") - 1, 0, len(path) - 2)
+    gap = length[k + 1] - length[k]
+    w = np.clip((printed - length[k]) / np.where(gap > 0, gap, 1.0), 0.0, 1.0)[:, None]
+    a, b = axes[k], axes[k + 1]
+    angle = np.arccos(np.clip(np.einsum("ij,ij->i", a, b), -1.0, 1.0))[:, None]
+    small = angle < 1e-6
+    sine = np.where(small, 1.0, np.sin(angle))
+    mixed = np.where(small, 1 - w, np.sin((1 - w) * angle) / sine) * a
+    mixed = mixed + np.where(small, w, np.sin(w * angle) / sine) * b
+    return np.asarray(mixed / np.linalg.norm(mixed, axis=1, keepdims=True))
+
+
+def _distances(points: Floats, path: Floats) -> Floats:
+    """Distances of points from a polyline."""
     length = np.linalg.norm(np.diff(path, axis=0), axis=1)
     pieces = np.maximum(np.ceil(length / _STEP_MM), 1).astype(int)
     segment = np.repeat(np.arange(len(length)), pieces)
-    share = (np.arange(len(segment)) - np.repeat(np.cumsum(pieces) - pieces, pieces)) / pieces[
-        segment
-    ]
+    within = np.arange(len(segment)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+    share = within / pieces[segment]
     dense = path[segment] + share[:, None] * (path[segment + 1] - path[segment])
     _, near = cKDTree(dense).query(points, k=min(4, len(dense)))
-    near = near.reshape(len(points), -1)
-    best, turned = np.full(len(points), np.inf), np.zeros(len(points))
-    for column in near.T:
+    best = np.full(len(points), np.inf)
+    for column in near.reshape(len(points), -1).T:
         for step in (-1, 0):
             k = segment[np.clip(column + step, 0, len(segment) - 1)]
             edge = path[k + 1] - path[k]
             along = np.einsum("ij,ij->i", points - path[k], edge)
             w = np.clip(along / np.maximum(np.einsum("ij,ij->i", edge, edge), 1e-30), 0, 1)
             off = np.linalg.norm(points - path[k] - w[:, None] * edge, axis=1)
-            mixed = (1 - w)[:, None] * path_axes[k] + w[:, None] * path_axes[k + 1]
-            mixed /= np.linalg.norm(mixed, axis=1, keepdims=True)
-            angle = 2 * np.arcsin(np.clip(np.linalg.norm(mixed - axes, axis=1) / 2, 0, 1))
-            closer = off < best - 1e-12
-            best = np.where(closer, off, best)
-            turned = np.where(closer, angle, turned)
-    return best, turned
+            best = np.minimum(best, off)
+    return best
 
 
 def steady_ratio(trajectory: PrintTrajectory, robot: Robot, speed_m_s: float) -> float:

@@ -4,19 +4,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
 
 from vega_planner.datatypes import Bools, Floats, Ints
 from vega_planner.errors import Unreachable
+from vega_planner.parallel import map_threads
 from vega_planner.robot.robot import Robot
-from vega_planner.trajectory.waypoints import Waypoints, evenly_cut, refined, turned_evenly
+from vega_planner.trajectory import joint_path_kernels as kernels
+from vega_planner.trajectory import topp_ra_kernels
+from vega_planner.trajectory.waypoints import Waypoints, evenly_cut, refined
 
 #: Largest step of a rotary joint between two samples [rad].
 LARGEST_STEP = 0.15
 #: Largest angle of the nozzle off its axis between two samples [rad].
 AXIS_TOLERANCE = np.radians(0.1)
+#: Intervals given to a thread at a time.
+_CHUNK = 8192
 #: Rounds of refinement; each divides the error by the square of the number of pieces.
 _ROUNDS = 5
 #: An interval is cut into at most this many pieces per round.
@@ -80,9 +86,10 @@ def joint_path(way: Waypoints, robot: Robot, solver: PathSolver, tolerance: floa
     origin = np.arange(len(q), dtype=np.float64)
     if len(jumps):
         way, q, reconfigures, origin = _with_reconfigurations(way, q, jumps, robot)
+    look = np.ones(len(way.points) - 1, np.bool_)
     for _ in range(_ROUNDS):
         fixed = reconfigures[way.segment]
-        pieces = _pieces(way, q, fixed, robot, tolerance)
+        pieces = _pieces(way, q, look & way.joined & ~fixed[:-1], robot, tolerance)
         if pieces.max() == 1:
             break
         way, place = refined(way, *evenly_cut(pieces))
@@ -94,23 +101,51 @@ def joint_path(way: Waypoints, robot: Robot, solver: PathSolver, tolerance: floa
         new = np.flatnonzero(part > 0)
         guess[new] = solver.follow(way, new, guess[new], origin[new])
         q = guess
+        # new intervals and, for their slopes changed, the ones beside them
+        fresh = part > 0
+        look = fresh[:-1] | fresh[1:]
+        look[1:] |= fresh[:-2]
+        look[:-1] |= fresh[2:]
     return JointPath(way, q, reconfigures)
 
 
-def _pieces(way: Waypoints, q: Floats, fixed: Bools, robot: Robot, tolerance: float) -> Ints:
-    """Number of equal pieces each interval has to be cut into, shape (n - 1,)."""
-    joined = way.joined & ~fixed[:-1]
-    points, axes = robot.forward(0.5 * (q[:-1] + q[1:]))
-    off = np.linalg.norm(points - 0.5 * (way.points[:-1] + way.points[1:]), axis=1)
-    half = np.full(len(off), 0.5)
-    middle = turned_evenly(way.axes[:-1], way.axes[1:], half)
-    tilt = np.linalg.norm(axes - middle, axis=1)
-    step = np.abs(np.diff(q[:, robot.chain.revolute], axis=0)).max(1)
+def _pieces(way: Waypoints, q: Floats, look: Bools, robot: Robot, tolerance: float) -> Ints:
+    """Number of equal pieces each interval to look at has to be cut into, shape (n - 1,)."""
+    rows = np.flatnonzero(look)
+    slope = _slopes(way, q)
+    off, tilt = np.zeros(len(rows)), np.zeros(len(rows))
+
+    def work(part: slice) -> None:
+        kernels.gaps_between(
+            robot.chain.arrays,
+            way.points,
+            way.axes,
+            way.path,
+            q,
+            slope,
+            rows[part],
+            off[part],
+            tilt[part],
+        )
+
+    map_threads(work, [slice(k, k + _CHUNK) for k in range(0, len(rows), _CHUNK)])
+    step = np.abs(q[rows + 1] - q[rows])[:, robot.chain.revolute].max(1)
     # The sagitta falls with the square of the number of pieces.
     wanted = np.ceil(np.sqrt(np.maximum(off / tolerance, tilt / AXIS_TOLERANCE)))
     wanted = np.maximum(wanted, np.ceil(step / LARGEST_STEP))
-    wanted = np.where(joined, np.clip(wanted, 1, _MOST_PIECES), 1)
-    return wanted.astype(np.int64)
+    pieces = np.ones(len(look), np.int64)
+    pieces[rows] = np.clip(wanted, 1, _MOST_PIECES)
+    return pieces
+
+
+def _slopes(way: Waypoints, q: Floats) -> Floats:
+    """Derivatives of the joints over the path, as the time law will take them."""
+    slope, curvature = np.zeros_like(q), np.zeros_like(q)
+    for start, end in pairwise(way.starts.tolist()):
+        topp_ra_kernels.path_slopes(
+            way.path[start:end], q[start:end], slope[start:end], curvature[start:end]
+        )
+    return slope
 
 
 def _with_reconfigurations(

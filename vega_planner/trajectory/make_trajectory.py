@@ -57,9 +57,7 @@ def make_trajectory(
     speed = mm_to_m(speed.astype(np.float64))
     way, _ = refined(
         way,
-        *knots_for_timing(
-            way, speed[way.segment[:-1]], 0.5 * PATH_TOLERANCE, _LAYOUT_ACCELERATION
-        ),
+        *knots_for_timing(way, speed[way.segment[:-1]], PATH_TOLERANCE, _LAYOUT_ACCELERATION),
     )
     report(Progress("trajectory", 0.1))
     path = joint_path(way, robot, path_solver(robot, mm_to_m(settings.speed_mm_s)), PATH_TOLERANCE)

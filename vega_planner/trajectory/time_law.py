@@ -105,7 +105,7 @@ def _within_limits(
         over = np.maximum(ratio[:, 0] ** 2, ratio[:, 1])
         if over.max() <= 1.0:
             break
-        factor = np.where(over > 1.0, 0.9 / over, 1.0)
+        factor = np.where(over > 1.0, 0.97 / over, 1.0)
         ease = np.minimum(np.append(factor, 1.0), np.append(1.0, factor))
         speed = np.minimum(speed, np.where(ease < 1.0, x * np.sqrt(ease), speed))
         # less acceleration on both sides too, or the excess only moves to the neighbour

@@ -21,6 +21,8 @@ _JOINT_GAP = 2e-6
 _SHARP = 0.05
 #: First pose after a segment's start, and before its end, at the latest [m].
 _FIRST_STEP = 5e-5
+#: Largest angle between the nozzle and evenly turned axes between two poses [rad].
+_LARGEST_BOW = np.radians(0.1)
 #: On travel, turning by one radian counts as much path as this length [m].
 TRAVEL_RADIUS = 0.02
 
@@ -137,7 +139,7 @@ def _path(points: Floats, axes: Floats, starts: Ints, ids: Ints) -> Floats:
 
 
 def refined(way: Waypoints, interval: Ints, fraction: Floats) -> tuple[Waypoints, Floats]:
-    """Insert poses between the poses there are: on the chord, with the axis turned evenly.
+    """Insert poses between the poses there are: on the chord, with the axis turned smoothly.
 
     Args:
         way: The poses.
@@ -162,7 +164,9 @@ def refined(way: Waypoints, interval: Ints, fraction: Floats) -> tuple[Waypoints
     weight = part[:, None]
     points = (1.0 - weight) * way.points[index] + weight * way.points[after]
     path = (1.0 - part) * way.path[index] + part * way.path[after]
-    axes = turned_evenly(way.axes[index], way.axes[after], part)
+    axes = way.axes[index].copy()
+    new = np.flatnonzero(part > 0)
+    axes[new] = _turned_smoothly(way, index[new], part[new])
     added = np.bincount(way.segment[interval], minlength=len(way.path_id))
     starts = way.starts + np.concatenate([[0], np.cumsum(added)])
     return Waypoints(points, axes, path, starts, way.path_id), index + part
@@ -191,6 +195,37 @@ def turned_evenly(a: Floats, b: Floats, fraction: Floats) -> Floats:
     wb = np.where(small, fraction, np.sin(fraction * angle) / sine)
     mixed = wa[:, None] * a + wb[:, None] * b
     return mixed / np.linalg.norm(mixed, axis=1, keepdims=True)
+
+
+def _turned_smoothly(way: Waypoints, index: Ints, part: Floats) -> Floats:
+    """Axes within intervals, turned evenly but for a small bow that rounds changes of rate.
+
+    Even turns from pose to pose make the rotary axes jerk at every pose. The bow is what a
+    cubic through the axes adds to the chord, cut to `_LARGEST_BOW`.
+    """
+    length = np.diff(way.path)
+    chord = np.diff(way.axes, axis=0)
+    rate = chord / np.where(length > 0, length, np.inf)[:, None]
+    h0, h1 = length[:-1, None], length[1:, None]
+    total = np.where(h0 + h1 > 0, h0 + h1, 1.0)
+    slope = np.zeros_like(way.axes)
+    slope[1:-1] = (rate[:-1] * h1 + rate[1:] * h0) / total
+    # a cubic that turns much faster than the chords beside it would overshoot
+    size = np.linalg.norm(rate, axis=1)
+    most = 2.0 * np.minimum(size[:-1], size[1:])
+    steep = np.linalg.norm(slope[1:-1], axis=1)
+    slope[1:-1] *= np.minimum(1.0, most / np.where(steep > 0, steep, 1.0))[:, None]
+    ends = np.unique(np.concatenate([way.starts[:-1], way.starts[1:] - 1]))
+    slope[ends] = rate[np.minimum(ends, len(rate) - 1)]
+    slope[way.starts[1:] - 1] = rate[way.starts[1:] - 2]
+    e0 = length[index, None] * slope[index] - chord[index]
+    e1 = length[index, None] * slope[index + 1] - chord[index]
+    w = part[:, None]
+    bow = w * (1.0 - w) * ((1.0 - w) * e0 - w * e1)
+    largest = 0.15 * (np.linalg.norm(e0, axis=1) + np.linalg.norm(e1, axis=1))
+    bow *= np.minimum(1.0, _LARGEST_BOW / np.maximum(largest, 1e-12))[:, None]
+    axes = turned_evenly(way.axes[index], way.axes[index + 1], part) + bow
+    return np.asarray(axes / np.linalg.norm(axes, axis=1, keepdims=True))
 
 
 def knots_for_timing(
@@ -240,8 +275,10 @@ def knots_for_timing(
     for end, at, side in ((first, near[:-1], 1), (last, near[1:], -1)):
         add(np.isfinite(at), at, side)
         slow = end | (at < 8.0 * tolerance / _SHARP)
-        distance = np.where(end, np.minimum(braking, _FIRST_STEP), 3.0 * at)
-        while (again := slow & (distance <= 9.0 * braking) & (distance < 0.5 * length)).any():
+        distance = np.where(end, np.minimum(braking, _FIRST_STEP), 1.3 * at)
+        furthest = np.maximum(9.0 * braking, np.where(end, 0.0, 1.301 * at))
+        furthest = np.minimum(furthest, 0.5 * length)
+        while (again := slow & (distance <= furthest)).any():
             add(again, distance, side)
             distance = 3.0 * distance
     rows = np.concatenate([piece[0] for piece in pieces])

@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The planar baseline against hand-made answers."""
+
+import numpy as np
+import pytest
+
+from vega_planner.progress import silent
+from vega_planner.settings import ToolpathSettings
+from vega_planner.toolpaths import lay_toolpaths
+from vega_planner.toolpaths.coverage import deposited_volume
+
+SQUARE = [(-10, -10), (10, -10), (10, 10), (-10, 10)]
+ELL = [(0, 0), (30, 0), (30, 7.3), (9.1, 7.3), (9.1, 25), (0, 25)]
+STRIP = [(0, 0), (20, 0), (20, 1.5), (0, 1.5)]
+THREAD = [(0, 0), (20, 0), (20, 0.9), (0, 0.9)]
+HOLED = [
+    [(-12, -9), (12, -9), (12, 9), (-12, 9)],
+    [(-3.3, -2), (-3.3, 2.4), (4, 2.4), (4, -2)],
+]
+
+
+def _lay(make, rings, **changes):
+    patch = make.flat(rings)
+    stack = make.stack([patch], "planar")
+    done = lay_toolpaths((patch,), stack, make.cell(), ToolpathSettings(**changes), silent)
+    return patch, done
+
+
+def test_the_outer_side_of_the_first_wall_lies_on_the_outline(make):
+    _, done = _lay(make, [SQUARE])
+    corner = max(np.abs(path.points[:, :2]).max() for path in done.passes)
+    assert abs(corner + 0.6 - 10) < 1e-9
+
+
+@pytest.mark.parametrize("rings", [[SQUARE], [ELL], [STRIP], [THREAD], HOLED])
+def test_walls_deposit_the_volume_of_the_layer(make, rings):
+    patch, done = _lay(make, rings)
+    assert abs(deposited_volume(done.passes) / (0.8 * patch.area) - 1) < 0.02
+
+
+def test_a_strip_of_one_bead_gets_one_line(make):
+    _, done = _lay(make, [THREAD])
+    (path,) = done.passes
+    assert not path.closed
+    assert np.abs(path.points[:, 1] - 0.45).max() < 0.1
+
+
+@pytest.mark.parametrize("angle", [0.0, 45.0])
+def test_zigzag_lines_lie_in_the_wanted_direction(make, angle):
+    patch, done = _lay(make, [SQUARE], pattern="zigzag", angle_deg=angle)
+    step = np.concatenate([np.diff(path.points, axis=0) for path in done.passes])
+    length = np.linalg.norm(step, axis=1)
+    direction = np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle)), 0.0])
+    along = length[np.abs(step @ direction) > 0.999 * length].sum()
+    assert along > 0.7 * length.sum()
+    assert abs(deposited_volume(done.passes) / (0.8 * patch.area) - 1) < 0.03
