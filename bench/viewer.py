@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import re
 import subprocess
 import sys
@@ -24,12 +25,12 @@ import numpy as np
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / "bench"), str(ROOT / "tools")]
 
-import sample_plan
-import setup_browser
-from playwright.sync_api import sync_playwright
+import sample_plan  # noqa: E402 - beside this file
+import setup_browser  # noqa: E402 - in tools
+from playwright.sync_api import sync_playwright  # noqa: E402
 
-from vega_planner.viewer.picking import first_hit
-from vega_planner.viewer.server import open_viewer
+from vega_planner.viewer.picking import first_hit  # noqa: E402
+from vega_planner.viewer.server import open_viewer  # noqa: E402
 
 #: Counts pictures from inside the page, and the most corners that one picture was made of.
 WATCH = """
@@ -67,10 +68,13 @@ def main():
         browser = playwright.chromium.launch(
             executable_path=path, headless=True, args=list(setup_browser.FLAGS)
         )
+        before = browser_cpu_s()
         figures["first_picture_s"] = first_picture(browser, mesh)
+        figures["first_picture_browser_cpu_s"] = round(browser_cpu_s() - before, 2)
         figures |= large_plan(browser, plan)
         figures |= clicks(browser, mesh)
         browser.close()
+    figures["load_average"] = os.getloadavg()[0]
     text = json.dumps(figures, indent=2)
     print(text)
     if options.out:
@@ -126,7 +130,9 @@ def large_plan(browser, plan):
             if layers:
                 viewer.set_time(layers * viewer.result.timeline.duration_s)
                 time.sleep(2)
-            figures[f"turning_{name}_fps"] = turning(page)
+            fps, cpu = turning(page)
+            figures[f"turning_{name}_fps"] = fps
+            figures[f"turning_{name}_cpu_s_per_frame"] = cpu
         duration = viewer.result.timeline.duration_s
         answers = []
         for time_s in np.random.default_rng(1).uniform(0, duration, 200):
@@ -146,6 +152,7 @@ def turning(page, seconds=6.0):
     """Pictures per second while the mouse turns the view."""
     page.mouse.move(250, 420)
     page.mouse.down()
+    before = browser_cpu_s()
     start, count = time.perf_counter(), page.evaluate("window.__frames")
     step = 0
     while time.perf_counter() - start < seconds:
@@ -153,9 +160,9 @@ def turning(page, seconds=6.0):
         page.mouse.move(250 + 120 * np.sin(step / 6), 420 + 20 * np.cos(step / 6))
         page.wait_for_timeout(30)
     done = page.evaluate("window.__frames") - count
-    elapsed = time.perf_counter() - start
+    elapsed, spent = time.perf_counter() - start, browser_cpu_s() - before
     page.mouse.up()
-    return round(done / elapsed, 2)
+    return round(done / elapsed, 2), round(spent / max(done, 1), 3)
 
 
 def clicks(browser, mesh):
@@ -193,6 +200,20 @@ def clicks(browser, mesh):
         "click_to_region_ms_median": round(float(np.median(outside)), 1),
         "click_faces": len(part.faces),
     }
+
+
+def browser_cpu_s():
+    """Time all browser processes have computed: what a busy machine leaves comparable."""
+    total = 0
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            text = stat.read_text()
+        except OSError:
+            continue
+        name, rest = text[text.index("(") + 1 : text.rindex(")")], text[text.rindex(")") + 2 :]
+        if name.startswith(("chrom", "headless")):
+            total += sum(int(ticks) for ticks in rest.split()[11:13])
+    return total / os.sysconf("SC_CLK_TCK")
 
 
 def memory_mb():

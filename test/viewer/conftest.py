@@ -10,8 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from vega_planner.progress import Progress
-from vega_planner.viewer.job import JobState
+from vega_planner.viewer.job import JobState, LocalJob
 from vega_planner.viewer.result_folder import read_result
 from vega_planner.viewer.server import open_viewer
 
@@ -37,7 +36,7 @@ def sample(tmp_path_factory):
 
 
 class RehearsedJob:
-    """Plans by writing the sample, prints by a clock that runs fast."""
+    """Plans in this process, prints by a clock that runs fast."""
 
     PACE = 150.0
 
@@ -51,11 +50,7 @@ class RehearsedJob:
     def plan(self, mesh, settings, folder, report):
         self.calls.append("plan")
         self.planned_with = settings
-        for step in range(10):
-            report(Progress("layers", step / 10, layers=step))
-            time.sleep(0.03)
-        load_module(ROOT / "bench" / "sample_plan.py").write_sample(folder, **SMALL)
-        return folder
+        return LocalJob().plan(mesh, settings, folder, report)
 
     def print(self, folder, machine):
         self.calls.append("print")
@@ -149,7 +144,7 @@ class Tab:
         self.button(name).click()
 
     def says(self, text):
-        self.page.get_by_text(text).first.wait_for(timeout=15_000)
+        self.page.get_by_text(text).first.wait_for(timeout=30_000)
 
     def assert_clean(self):
         assert self.problems == []
@@ -181,7 +176,7 @@ def open_tabs(browser):
     return opened
 
 
-def until(claim, seconds=15.0):
+def until(claim, seconds=30.0):
     """Wait until a claim holds."""
     end = time.monotonic() + seconds
     while not claim():

@@ -77,8 +77,8 @@ def test_shaded_faces_are_lighter_on_top_than_below():
     count = 3 * len(BALL.faces)
     start = 20 + struct.unpack_from("<I", data, 12)[0] + 8
     height = np.frombuffer(data, "<f4", 3 * count, start).reshape(-1, 3)[:, 2]
-    light = np.frombuffer(data, "u1", 4 * count, start + 12 * count).reshape(-1, 4)[:, 0] * 1.0
-    assert light[height > 8].mean() > light[height < -8].mean() + 50
+    light = np.frombuffer(data, "<u2", 4 * count, start + 12 * count).reshape(-1, 4)[:, 0] * 1.0
+    assert light[height > 8].mean() > light[height < -8].mean() + 5000
 
 
 def test_the_model_moves_as_the_robots_own_kinematics_do():

@@ -42,6 +42,7 @@ class RosJob:
         self._lock = threading.RLock()
         self._stack = ExitStack()
         self._scratch: Path | None = None
+        self._joined_ros = False
         self._planner: _PlanningNode | None = None
         self._driver: _DrivingNode | None = None
 
@@ -100,9 +101,8 @@ class RosJob:
                 if node is not None:
                     node.close()
             self._driver = self._planner = None
-            started = self._scratch is not None
             self._stack.close()
-            if started:
+            if self._joined_ros:
                 rclpy.try_shutdown()
 
     def _running_driver(self) -> _DrivingNode:
@@ -115,6 +115,7 @@ class RosJob:
         if self._scratch is None:
             if not rclpy.ok():
                 rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+                self._joined_ros = True
             folder = self._stack.enter_context(TemporaryDirectory(prefix="vega_view_"))
             self._scratch = Path(folder)
         return self._scratch

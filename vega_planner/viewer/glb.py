@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from vega_planner.datatypes import Floats, face_cross
 
 _LINES, _TRIANGLES = 1, 4
-_FLOAT, _UINT32, _UBYTE = 5126, 5125, 5121
+_FLOAT, _UINT32, _USHORT = 5126, 5125, 5123
 _ARRAY_BUFFER, _INDEX_BUFFER = 34962, 34963
 
 
@@ -37,23 +37,31 @@ def triangles_glb(vertices: Floats, faces: NDArray, colours: NDArray) -> bytes:
     return _encode(_TRIANGLES, vertices, faces, colours)
 
 
-def baked_colours(normals: Floats, colour: tuple[int, int, int]) -> NDArray[np.uint8]:
+def baked_colours(
+    normals: Floats, colour: tuple[int, int, int], contrast: float = 1.0
+) -> NDArray[np.uint8]:
     """Shade one colour by the direction of the surface, as light from above left would.
 
     Args:
         normals: Unit normals, shape (n, 3).
         colour: sRGB 0..255.
+        contrast: 1 as other things are, 0 without any shade.
 
     Returns:
         sRGB 0..255, shape (n, 3).
     """
     light = np.array([0.35, -0.45, 0.82])
     shade = 0.62 + 0.38 * (normals @ (light / np.linalg.norm(light)))
-    return (np.array(colour) * np.clip(shade, 0.3, 1.0)[:, None]).astype(np.uint8)
+    shade = 1.0 - contrast * (1.0 - np.clip(shade, 0.3, 1.0))
+    return (np.array(colour) * shade[:, None]).astype(np.uint8)
 
 
 def shaded_glb(
-    vertices: Floats, faces: NDArray, colour: tuple[int, int, int], opacity: float = 1.0
+    vertices: Floats,
+    faces: NDArray,
+    colour: tuple[int, int, int],
+    opacity: float = 1.0,
+    contrast: float = 1.0,
 ) -> bytes:
     """Encode a triangle mesh in one colour, each face shaded by its own direction.
 
@@ -62,13 +70,30 @@ def shaded_glb(
         faces: Vertex indices, shape (m, 3), m >= 1.
         colour: sRGB 0..255.
         opacity: 0 to 1.
+        contrast: 1 as other things are, 0 without any shade.
     """
     cross = face_cross(vertices, faces)
     length = np.linalg.norm(cross, axis=1, keepdims=True)
-    colours = baked_colours(cross / np.where(length > 0, length, 1.0), colour)
+    colours = baked_colours(cross / np.where(length > 0, length, 1.0), colour, contrast)
     corners = vertices[faces].reshape(-1, 3)
     indices = np.arange(len(corners))
     return _encode(_TRIANGLES, corners, indices, np.repeat(colours, 3, axis=0), opacity)
+
+
+def _before_tone_mapping(srgb: Floats) -> Floats:
+    """The linear colour that the browser shows as a given sRGB colour.
+
+    The client passes colours through the filmic curve of [Hill2015]_ at exposure 1 / 0.6:
+    y = (x (x + a) - b) / (x (c x + d) + e). This is its inverse, channel by channel.
+
+    Args:
+        srgb: 0 to 1, any shape; what is brighter than the curve reaches is cut.
+    """
+    a, b, c, d, e = 0.0245786, 0.000090537, 0.983729, 0.4329510, 0.238081
+    y = np.asarray(srgb, dtype=np.float64) ** 2.2
+    square, slope, rest = 1 - c * y, a - d * y, -b - e * y
+    x = (-slope + np.sqrt(slope * slope - 4 * square * rest)) / (2 * square)
+    return np.clip(0.6 * x, 0.0, 1.0)
 
 
 def _encode(
@@ -76,9 +101,8 @@ def _encode(
 ) -> bytes:
     positions = np.ascontiguousarray(points, dtype="<f4")
     flat = np.ascontiguousarray(indices, dtype="<u4").ravel()
-    # glTF's vertex colours are linear; a power of 2.2 is the usual stand-in for sRGB.
-    linear = np.full((len(positions), 4), 255, dtype=np.uint8)
-    linear[:, :3] = np.round(255 * (np.asarray(colours) / 255.0) ** 2.2)
+    linear = np.full((len(positions), 4), 65535, dtype="<u2")
+    linear[:, :3] = np.round(65535 * _before_tone_mapping(np.asarray(colours) / 255.0))
     chunks = [positions.tobytes(), linear.tobytes(), flat.tobytes()]
     starts = np.cumsum([0, *(len(chunk) for chunk in chunks)]).tolist()
     views = [
@@ -98,7 +122,7 @@ def _encode(
         },
         {
             "bufferView": 1,
-            "componentType": _UBYTE,
+            "componentType": _USHORT,
             "normalized": True,
             "count": len(positions),
             "type": "VEC4",

@@ -60,7 +60,7 @@ class Stage:
         if chosen.any():
             lift = 2e-3 * float(np.ptp(part.vertices, axis=0).max())
             vertices, faces = coloured_submesh(part, chosen, lift)
-            self._region = self._add("/restraint", vertices, faces, REGION_COLOUR)
+            self._region = self._add("/restraint", vertices, faces, REGION_COLOUR, contrast=0.35)
 
     def set_visible(self, part: bool, region: bool, ghost: bool = False) -> None:
         """Show or hide the part and its restraint region; a ghost lets layers shine through."""
@@ -78,8 +78,9 @@ class Stage:
         faces: Ints,
         colour: tuple[int, int, int],
         opacity: float = 1.0,
+        contrast: float = 1.0,
     ) -> Any:
-        glb = shaded_glb(mm_to_m(vertices), faces, colour, opacity)
+        glb = shaded_glb(mm_to_m(vertices), faces, colour, opacity, contrast)
         return self._scene.add_glb(name, glb, cast_shadow=False, receive_shadow=False)
 
 
@@ -88,4 +89,4 @@ def viewpoint(vertices: Floats) -> tuple[Floats, Floats]:
     low, high = mm_to_m(vertices.min(0)), mm_to_m(vertices.max(0))
     target = (low + high) / 2
     size = float(np.linalg.norm(high - low))
-    return target + 1.35 * size * np.array([0.45, -0.75, 0.5]), target
+    return target + 1.8 * size * np.array([0.5, -0.75, 0.45]), target
