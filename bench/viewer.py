@@ -25,12 +25,12 @@ import numpy as np
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / "bench"), str(ROOT / "tools")]
 
-import sample_plan  # noqa: E402 - beside this file
-import setup_browser  # noqa: E402 - in tools
-from playwright.sync_api import sync_playwright  # noqa: E402
+import sample_plan
+import setup_browser
+from playwright.sync_api import sync_playwright
 
-from vega_planner.viewer.picking import first_hit  # noqa: E402
-from vega_planner.viewer.server import open_viewer  # noqa: E402
+from vega_planner.viewer.picking import first_hit
+from vega_planner.viewer.server import open_viewer
 
 #: Counts pictures from inside the page, and the most corners that one picture was made of.
 WATCH = """
