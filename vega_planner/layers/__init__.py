@@ -49,7 +49,7 @@ def generate_layers(
 
         return planar_layers(part, settings, report)
     if settings.engine == "minkowski":
-        from vega_planner.layers.minkowski_layers import minkowski_layers
+        from vega_planner.layers.minkowski import minkowski_layers
 
         return minkowski_layers(part, settings, edge_angle_deg, report)
     raise InvalidInput(f"engine is '{settings.engine}'; choices: field, minkowski, planar")
