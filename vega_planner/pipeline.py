@@ -64,7 +64,8 @@ def plan(
     from vega_planner.ordering import order_patches
     from vega_planner.part import load_part
     from vega_planner.printability import assess_printability
-    from vega_planner.printability.collisions import certificate, check_toolpaths
+    from vega_planner.printability.collisions import certificate, with_check
+    from vega_planner.printability.repair import resolve_collisions
     from vega_planner.robot import load_cell
     from vega_planner.splitting import split_layers
     from vega_planner.substrate import stand_on_substrate
@@ -90,16 +91,18 @@ def plan(
     with stages.enter("splitting") as tell:
         patches = split_layers(stack, assessment, cell, settings.printability, tell)
     with stages.enter("ordering") as tell:
-        order = order_patches(patches, stack, cell, settings.printability, tell)
+        order = order_patches(patches, stack, cell, settings.printability, tell, assessment)
     with stages.enter("toolpaths") as tell:
         toolpaths = lay_toolpaths(order.patches, stack, cell, settings.toolpaths, tell)
+        toolpaths, check = resolve_collisions(
+            toolpaths, order.patches, stack, cell, settings.printability, tell
+        )
     with stages.enter("trajectory") as tell:
         if toolpaths.passes:
             trajectory = make_trajectory(toolpaths, cell, settings.trajectory, tell)
         else:  # the report says why nothing can be printed
             trajectory = no_motion(cell)
     with stages.enter("checks") as tell:
-        check = check_toolpaths(toolpaths, order.patches, stack, cell, settings.printability, tell)
         proof = certificate(part, settings, cell, toolpaths, trajectory, check)
         coverage = measure_coverage(order.patches, toolpaths, stack, settings.toolpaths.width_mm)
     return PrintPlan(
@@ -107,7 +110,7 @@ def plan(
         part=part,
         cell=cell,
         stack=stack,
-        printability=assessment.report,
+        printability=with_check(order.report, check),
         patches=order.patches,
         toolpaths=toolpaths,
         trajectory=trajectory,

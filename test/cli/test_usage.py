@@ -64,9 +64,9 @@ def test_bad_usage_is_one_line_and_status_2(tmp_path, words, parts):
         (
             "nan.obj",
             b"v nan 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n",
-            ("nan.obj",),
+            ("'nan'", "not finite"),
         ),
-        ("flat.obj", b"v 0 0 0\nv 9 0 0\nv 0 9 0\nf 1 2 3\n", ("flat.obj",)),
+        ("flat.obj", b"v 0 0 0\nv 9 0 0\nv 0 9 0\nf 1 2 3\n", ("'flat'", "no volume")),
     ],
 )
 def test_a_bad_mesh_is_one_line_and_leaves_nothing_behind(tmp_path, name, content, parts):

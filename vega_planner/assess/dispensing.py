@@ -116,25 +116,28 @@ def _lagged(beads: BeadRows, errors: Dispensing, along: Floats) -> BeadRows:
         extrude[inside] &= ~(late | early)
         for row, extra in ((first, -errors.start_lag_mm), (last, errors.stop_lag_mm)):
             if extra > 0:
-                width[row] = _blob_width(width[row], area[row] * extra / beads.height[row])
+                width[row] = _blob_width(width[row], beads.height[row], area[row] * extra)
     return replace(beads, extrude=extrude, width=width)
 
 
-def _blob_width(width: float, extra: float) -> float:
-    """Find the width of a round cake at the end of a bead that adds an area to it.
-
-    Half of the cake lies ahead of the bead's end; of the other half only what stands
-    out beside the bead is new.
+def _blob_width(width: float, height: float, extra: float) -> float:
+    """Find the width of the round end of a bead that holds some more material.
 
     Args:
         width: Width of the bead [mm].
-        extra: Area to add, seen along the axis [mm²].
+        height: Its height [mm].
+        extra: Volume to add to the half cake ahead of the bead's end [mm³].
     """
-    small = 0.5 * width
-    low, high = small, small + np.sqrt(extra / np.pi) + np.sqrt(2 * extra)
+    side = 0.5 * min(height, width)
+
+    def half_cake(radius: float) -> float:
+        flat = max(radius - side, 0.0)
+        whole = np.pi * flat**2 * height + np.pi**2 * flat * side**2 + 4 / 3 * np.pi * side**3
+        return float(0.5 * whole)
+
+    wanted = half_cake(0.5 * width) + extra
+    low, high = 0.5 * width, 0.5 * width + np.sqrt(2 * extra / (np.pi * height)) + height
     for _ in range(50):
-        radius = 0.5 * (low + high)
-        hidden = small * np.sqrt(radius**2 - small**2) + radius**2 * np.arcsin(small / radius)
-        added = np.pi * radius**2 - hidden - 0.5 * np.pi * small**2
-        low, high = (radius, high) if added < extra else (low, radius)
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if half_cake(middle) < wanted else (low, middle)
     return float(low + high)
