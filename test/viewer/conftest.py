@@ -36,9 +36,9 @@ def sample(tmp_path_factory):
 
 
 class RehearsedJob:
-    """Plans in this process, prints by a clock that runs fast."""
+    """Plans in this process, prints by a clock of its own."""
 
-    PACE = 150.0
+    PACE = 3.0
 
     def __init__(self):
         self.calls = []

@@ -7,7 +7,8 @@ import pytest
 
 from vega_planner.cli import main
 from vega_planner.errors import InvalidInput
-from vega_planner.viewer.server import check_port, is_loopback, open_viewer
+from vega_planner.viewer.origin import is_loopback, is_own_page
+from vega_planner.viewer.server import check_port, open_viewer
 
 
 def refusal(capsys, *words):
@@ -65,3 +66,32 @@ def test_it_listens_on_loopback_only_unless_told_otherwise(sample):
             pass
         with pytest.raises(OSError), socket.create_connection(("127.0.0.2", port), timeout=2):
             pass
+
+
+@pytest.mark.parametrize(
+    ("origin", "host", "loopback", "accepted"),
+    [
+        ("http://127.0.0.1:8080", "127.0.0.1:8080", True, True),
+        ("http://localhost:8080", "localhost:8080", True, True),
+        (None, "127.0.0.1:8080", True, True),
+        ("https://evil.example", "127.0.0.1:8080", True, False),
+        ("http://127.0.0.1:9", "127.0.0.1:8080", True, False),
+        ("http://evil.example:8080", "evil.example:8080", True, False),
+        ("http://printer.lan:8080", "printer.lan:8080", False, True),
+        ("https://evil.example", "printer.lan:8080", False, False),
+    ],
+)
+def test_only_the_own_page_may_connect(origin, host, loopback, accepted):
+    assert is_own_page(origin, host, loopback=loopback) is accepted
+
+
+def test_a_foreign_page_is_refused_by_the_running_server(sample):
+    from websockets.exceptions import InvalidStatus
+    from websockets.sync.client import connect
+
+    with open_viewer(str(sample), port=0) as (_, url):
+        address = url.replace("http", "ws")
+        with connect(address, origin=url, subprotocols=["viser-v1.1.1"]):
+            pass
+        with pytest.raises(InvalidStatus, match="403"):
+            connect(address, origin="https://evil.example", subprotocols=["viser-v1.1.1"])

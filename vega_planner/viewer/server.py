@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import contextlib
 import io
-import ipaddress
 import socket
 import sys
 import threading
@@ -14,6 +13,7 @@ from typing import Any
 
 from vega_planner.errors import InvalidInput
 from vega_planner.viewer.job import JobPort, LocalJob
+from vega_planner.viewer.origin import is_loopback, own_pages_only
 from vega_planner.viewer.target import find_target
 
 
@@ -69,7 +69,8 @@ def open_viewer(
 
     from vega_planner.viewer.app import Viewer
 
-    with contextlib.redirect_stdout(io.StringIO()):  # viser's banner
+    silence = contextlib.redirect_stdout(io.StringIO())  # viser's banner
+    with silence, own_pages_only(is_loopback(host)):
         server = viser.ViserServer(host=host, port=port, label="Vega", verbose=False)
     try:
         if port and server.get_port() != port:
@@ -134,14 +135,6 @@ def _announce_people(server: Any, host: str) -> None:
             print(f"vega view: {text}", file=sys.stderr, flush=True)
             for one in server.get_clients().values():
                 one.add_notification("Someone else is here", text, auto_close_seconds=10.0)
-
-
-def is_loopback(host: str) -> bool:
-    """Whether an address is only reached from this machine."""
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"
 
 
 def _named(host: str) -> str:

@@ -108,10 +108,16 @@ class Timeline:
         )
 
     def _joints(self, time_s: float) -> dict[str, float]:
-        return {
-            name: float(np.interp(time_s, self.joint_times, self.joint_positions[:, k]))
-            for k, name in enumerate(self.joint_names)
-        }
+        times = self.joint_times
+        if not len(times):
+            return {}
+        after = int(np.clip(np.searchsorted(times, time_s), 1, max(len(times) - 1, 1)))
+        before = after - 1 if len(times) > 1 else 0
+        after = min(after, len(times) - 1)
+        gap = times[after] - times[before]
+        share = float(np.clip((time_s - times[before]) / gap, 0, 1)) if gap > 0 else 0.0
+        start, end = self.joint_positions[before], self.joint_positions[after]
+        return dict(zip(self.joint_names, (start + share * (end - start)).tolist()))
 
 
 def row_times(
