@@ -35,7 +35,8 @@ _ENDS = {
     "printability": 0.58,
     "splitting": 0.64,
     "ordering": 0.68,
-    "toolpaths": 0.80,
+    "toolpaths": 0.76,
+    "clearance": 0.84,
     "trajectory": 0.94,
     "checks": 1.0,
 }
@@ -94,6 +95,7 @@ def plan(
         order = order_patches(patches, stack, cell, settings.printability, tell, assessment)
     with stages.enter("toolpaths") as tell:
         toolpaths = lay_toolpaths(order.patches, stack, cell, settings.toolpaths, tell)
+    with stages.enter("clearance") as tell:
         toolpaths, check = resolve_collisions(
             toolpaths, order.patches, stack, cell, settings.printability, tell
         )

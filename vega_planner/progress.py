@@ -45,8 +45,12 @@ def within(report: Report, stage: str, start: float, end: float) -> Report:
         A report to hand to the stage.
     """
 
+    highest = start
+
     def scaled(progress: Progress) -> None:
+        nonlocal highest  # a stage that goes through its work twice does not fall back
         fraction = start + (end - start) * min(max(progress.fraction, 0.0), 1.0)
-        report(replace(progress, stage=stage, fraction=fraction))
+        highest = max(highest, fraction)
+        report(replace(progress, stage=stage, fraction=highest))
 
     return scaled
