@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import signal
 import socket
 import sys
 import threading
@@ -30,6 +31,8 @@ def serve(target: str, *, host: str = "127.0.0.1", port: int = 8080, browser: bo
         InvalidInput: If the target is neither, or the address or port cannot be used.
         VegaError: If the target cannot be read.
     """
+    # Told to end, it ends as on Ctrl-C: nodes that it started must not outlive it.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     with open_viewer(target, host=host, port=port) as (viewer, url):
         print(f"vega view: {url} (Ctrl-C ends)", flush=True)
         if browser:
