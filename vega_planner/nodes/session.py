@@ -6,15 +6,20 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
+from uuid import uuid4
 
 import rclpy
+from action_msgs.msg import GoalStatus
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from rclpy.action import ActionClient
+from rclpy.action.client import ClientGoalHandle
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.task import Future
+from unique_identifier_msgs.msg import UUID
 
 from vega_msgs.action import ExecutePrint, PlanLayers
 from vega_planner.errors import DriverError, LinkTimeout, VegaError, error_class
@@ -24,6 +29,17 @@ from vega_planner.progress import Progress, Report
 STARTUP = 30.0
 #: Time a node may take to answer a request [s].
 ANSWER = 20.0
+
+
+#: Times a goal is sent before a silent node is given up.
+SENDINGS = 4
+
+
+@dataclass
+class SendGoalAnswer:
+    """Stands for the answer to a goal that was lost on the way back."""
+
+    accepted: bool
 
 
 class Session:
@@ -142,7 +158,7 @@ class Session:
         self._abandoned.set()
 
     def _run(self, client: ActionClient, goal: Any, tell: Callable[[Any], None]) -> Any:
-        handle = self._wait(client.send_goal_async(goal, tell), ANSWER)
+        handle = self._sent(client, goal, tell)
         if not handle.accepted:
             raise DriverError("the goal was not accepted")
         self._goal = handle
@@ -151,6 +167,27 @@ class Session:
         if result.error_code:
             raise error_class(result.error_code)(result.error_msg)
         return result
+
+    def _sent(self, client: ActionClient, goal: Any, tell: Callable[[Any], None]) -> Any:
+        """Send a goal; where the answer is lost, ask after the goal before sending it again.
+
+        A node that has only just been discovered may take a goal and answer it before its
+        answers find the way back.
+        """
+        for _ in range(SENDINGS - 1):
+            name = UUID(uuid=list(uuid4().bytes))
+            try:
+                return self._wait(client.send_goal_async(goal, tell, name), ANSWER / SENDINGS)
+            except LinkTimeout:
+                taken = SendGoalAnswer(accepted=True)
+                handle = ClientGoalHandle(client, name, taken)
+                try:
+                    status = self._wait(handle.get_result_async(), 1.0).status
+                except LinkTimeout:
+                    return handle  # it is known there and runs
+                if status != GoalStatus.STATUS_UNKNOWN:
+                    return handle  # it has ended already
+        return self._wait(client.send_goal_async(goal, tell), ANSWER)
 
     def _call(self, client: Any, request: Any, seconds: float = ANSWER) -> Any:
         return self._wait(client.call_async(request), seconds)
