@@ -1,20 +1,29 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fidelity of virtual prints: planar, enveloping with Euclidean and geodesic spacing.
 
-    .venv/bin/python bench/fidelity.py                   the six parts, about ten minutes
+    .venv/bin/python bench/fidelity.py                   the six parts
     .venv/bin/python bench/fidelity.py parts/part1_dome.stl --voxel 0.15
+    .venv/bin/python bench/fidelity.py --slicer          PrusaSlicer's G-code as well
 
 Plans each part three times, prints it virtually, and writes `fidelity.json` and
-`fidelity.md` to docs/results, with the paper's figures beside ours.
+`fidelity.md` to docs/results, with the paper's figures beside ours. Both files are
+written anew after each part, so that a run that is stopped leaves what it measured.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
+import shutil
+import subprocess
+import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
@@ -23,6 +32,7 @@ from vega_planner.assess.slicer_gcode import read_gcode
 from vega_planner.assess.virtual_print import simulate
 from vega_planner.datatypes import Part
 from vega_planner.errors import VegaError
+from vega_planner.part import load_part
 from vega_planner.pipeline import plan
 from vega_planner.settings import Settings, load_settings
 
@@ -36,6 +46,13 @@ MODES: dict[str, dict[str, Any]] = {
     "enveloping, Euclidean": {"toolpaths": {"pattern": "zigzag", "spacing": "euclidean"}},
     "enveloping, geodesic": {},
 }
+SLICER = "PrusaSlicer"
+#: One wall, concentric infill, and the bead and layers of the other modes.
+SLICER_OPTIONS = (
+    "--export-gcode --layer-height 0.8 --first-layer-height 0.8 --nozzle-diameter 1.2 "
+    "--extrusion-width 1.2 --perimeters 1 --fill-density 100% --fill-pattern concentric "
+    "--top-solid-layers 0 --bottom-solid-layers 0 --filament-diameter 1.75 --loglevel 1"
+)
 JOB = {
     "path_length_mm": "path length [mm]",
     "print_time_s": "print time [s]",
@@ -65,11 +82,13 @@ region; "everywhere" counts all, the base on the plate included.
 """
 
 
-def measure(path: Path, mode: str, voxel_mm: float) -> dict[str, Any]:
-    settings = Settings()
+def settings_of(path: Path) -> Settings:
     beside = path.with_suffix(".yaml")
-    if beside.exists():
-        settings = load_settings(beside, settings)
+    return load_settings(beside, Settings()) if beside.exists() else Settings()
+
+
+def measure(path: Path, mode: str, voxel_mm: float) -> dict[str, Any]:
+    settings = settings_of(path)
     began = time.perf_counter()
     result = plan(path, settings.updated(MODES[mode]))
     planned = time.perf_counter()
@@ -92,11 +111,32 @@ def measure(path: Path, mode: str, voxel_mm: float) -> dict[str, Any]:
     }
 
 
+def measure_slicer(path: Path, voxel_mm: float) -> dict[str, Any] | None:
+    """Slice a part that stands on a flat base with PrusaSlicer; None where it does not."""
+    target = load_part(path, settings_of(path).part)
+    if not (target.restrained.any() and (target.face_normals[target.restrained, 2] < -0.99).all()):
+        return None
+    with tempfile.TemporaryDirectory() as folder:
+        gcode = Path(folder) / "part.gcode"
+        began = time.perf_counter()
+        command = ["prusa-slicer", *SLICER_OPTIONS.split(), "-o", str(gcode), str(path)]
+        subprocess.run(command, check=True, stdout=subprocess.DEVNULL, timeout=120)
+        sliced = time.perf_counter()
+        return {**measure_gcode(gcode, target, voxel_mm), "total_s": sliced - began}
+
+
 def measure_gcode(path: Path, target: Part, voxel_mm: float) -> dict[str, Any]:
-    """Print another slicer's G-code virtually, for the baseline's sake."""
-    beads = read_gcode(path, layer_height_mm=0.8, centre=tuple(target.bounds.mean(0)[:2]))
-    printed = simulate(beads, target, voxel_mm=voxel_mm)
-    return {**printed.as_dict(), "path_length_mm": beads.length_mm}
+    """Print another slicer's G-code virtually, its box over the middle of the target's."""
+    middle = target.bounds.mean(0)
+    beads = read_gcode(path, layer_height_mm=0.8, centre=(middle[0], middle[1]))
+    began = time.perf_counter()
+    figures = simulate(beads, target, voxel_mm=voxel_mm).as_dict()
+    return {
+        **figures,
+        "path_length_mm": beads.length_mm,
+        "deposited_ratio": figures["bead_volume_mm3"] / target.volume,
+        "simulate_s": time.perf_counter() - began,
+    }
 
 
 def paired(old: list[float], new: list[float]) -> str:
@@ -113,22 +153,24 @@ def paired(old: list[float], new: list[float]) -> str:
     return text
 
 
-def tables(results: dict[str, dict[str, dict[str, Any]]]) -> str:
-    lines = ["# Fidelity of virtual prints", "", NOTE]
-    whole = {part: modes for part, modes in results.items() if len(modes) == len(MODES)}
+def tables(record: dict[str, Any]) -> str:
+    """Write the document; means and changes are over the parts printed in every mode."""
+    results: dict[str, dict[str, dict[str, Any]]] = record["parts"]
+    whole = {part: modes for part, modes in results.items() if all(m in modes for m in MODES)}
+    lines = [
+        "# Fidelity of virtual prints",
+        "",
+        f"Written by `bench/fidelity.py`, voxels of {record['voxel_mm']} mm, at commit "
+        f"{record['commit']}; {len(whole)} parts.",
+        "",
+        NOTE,
+    ]
     for title, pick in (
         ("Surfaces that are not restrained", lambda row: row["free"]),
         ("Everywhere", lambda row: row),
     ):
-        lines += [f"## {title}", ""]
-        heads = [words for words, _, _ in MEASURES.values()]
-        lines.append("| part | layers | " + " | ".join(heads) + " |")
-        lines.append("| --- " * (2 + len(heads)) + "|")
-        for part, modes in results.items():
-            for mode, row in modes.items():
-                cells = [f"{pick(row)[k]:.{d}f}" for k, (_, _, d) in MEASURES.items()]
-                lines.append(f"| {part} | {mode} | " + " | ".join(cells) + " |")
-        lines += ["", "Change against planar, mean over the parts:", ""]
+        lines += [f"## {title}", "", *_measures(results, whole, pick), ""]
+        lines += ["Change against planar, mean ± standard deviation over the parts:", ""]
         lines += [
             "| measure | enveloping, Euclidean | enveloping, geodesic |",
             "| --- | --- | --- |",
@@ -144,44 +186,90 @@ def tables(results: dict[str, dict[str, dict[str, Any]]]) -> str:
     lines.append("| --- " * (2 + len(JOB)) + "|")
     for part, modes in results.items():
         for mode, row in modes.items():
-            lines.append(f"| {part} | {mode} | " + " | ".join(f"{row[k]:.3f}" for k in JOB) + " |")
+            cells = [f"{row[key]:.3f}" if key in row else "–" for key in JOB]
+            lines.append(f"| {part} | {mode} | " + " | ".join(cells) + " |")
     lengths = {mode: [m[mode]["path_length_mm"] for m in whole.values()] for mode in MODES}
+    lines.append("")
     lines += [
-        "",
-        "Path length against planar, geodesic: "
-        + paired(lengths["planar"], lengths["enveloping, geodesic"]),
-        "",
-        "## The paper",
-        "",
-        PAPER,
+        f"Path length against planar, {mode}: {paired(lengths['planar'], lengths[mode])}.  "
+        for mode in list(MODES)[1:]
     ]
-    return "\n".join(lines)
+    return "\n".join([*lines, "", "## The paper", "", PAPER.rstrip()])
 
 
-def main() -> None:
+def _measures(
+    results: dict[str, dict[str, dict[str, Any]]],
+    whole: dict[str, dict[str, dict[str, Any]]],
+    pick: Callable[[dict[str, Any]], dict[str, Any]],
+) -> list[str]:
+    """Set out every part's measures, and their means."""
+    heads = [f"{words} [{unit}]" for words, unit, _ in MEASURES.values()]
+    lines = ["| part | layers | " + " | ".join(heads) + " |", "| --- " * (2 + len(heads)) + "|"]
+    for part, modes in results.items():
+        for mode, row in modes.items():
+            cells = [f"{pick(row)[key]:.{d}f}" for key, (_, _, d) in MEASURES.items()]
+            lines.append(f"| {part} | {mode} | " + " | ".join(cells) + " |")
+    for mode in MODES if whole else ():
+        cells = []
+        for key, (_, _, d) in MEASURES.items():
+            values = [float(pick(modes[mode])[key]) for modes in whole.values()]
+            cells.append(f"{np.mean(values):.{d}f} ± {np.std(values, ddof=len(values) > 1):.{d}f}")
+        lines.append(f"| **mean** | {mode} | " + " | ".join(cells) + " |")
+    return lines
+
+
+def revision() -> str:
+    """Name the commit that is measured, with a mark where files of it were changed."""
+    try:
+        command = ["git", "-C", str(ROOT), "describe", "--always", "--dirty", "--exclude", "*"]
+        return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"
+
+
+def write(record: dict[str, Any], folder: Path) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "fidelity.json").write_text(json.dumps(record, indent=2) + "\n")
+    (folder / "fidelity.md").write_text(tables(record) + "\n")
+
+
+def row_of(path: Path, mode: str, voxel_mm: float) -> dict[str, Any] | None:
+    try:
+        if mode == SLICER:
+            return measure_slicer(path, voxel_mm)
+        return measure(path, mode, voxel_mm)
+    except (VegaError, subprocess.SubprocessError) as error:
+        print(f"{path.stem} {mode}: {type(error).__name__}: {error}", flush=True)
+        return None
+
+
+def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("parts", nargs="*", type=Path, help="mesh files; the six parts if none")
     parser.add_argument("--voxel", type=float, default=0.1, metavar="MM")
     parser.add_argument("-o", "--output", type=Path, default=ROOT / "docs" / "results")
     parser.add_argument("--modes", nargs="*", choices=list(MODES), default=list(MODES))
+    parser.add_argument(
+        "--slicer", action="store_true", help="PrusaSlicer too, where a part's base is flat"
+    )
     options = parser.parse_args()
+    if options.slicer and not shutil.which("prusa-slicer"):
+        parser.error("prusa-slicer is not installed (Debian: apt-get install prusa-slicer)")
     paths = options.parts or sorted((ROOT / "parts").glob("part*.stl"))
     results: dict[str, dict[str, dict[str, Any]]] = {}
+    record = {"commit": revision(), "voxel_mm": options.voxel, "parts": results}
     for path in paths:
-        for mode in options.modes:
-            try:
-                row = measure(path, mode, options.voxel)
-            except VegaError as error:
-                print(f"{path.stem} {mode}: {type(error).__name__}: {error}", flush=True)
+        for mode in [*options.modes, *([SLICER] if options.slicer else [])]:
+            row = row_of(path, mode, options.voxel)
+            if row is None:
                 continue
             results.setdefault(path.stem, {})[mode] = row
             shown = ", ".join(f"{k} {row['free'][k]:.4f}" for k in MEASURES)
             print(f"{path.stem} {mode}: {shown}", flush=True)
-    options.output.mkdir(parents=True, exist_ok=True)
-    (options.output / "fidelity.json").write_text(json.dumps(results, indent=2) + "\n")
-    (options.output / "fidelity.md").write_text(tables(results) + "\n")
+        write(record, options.output)
     print(f"written: {options.output / 'fidelity.md'}")
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    raise SystemExit(main())

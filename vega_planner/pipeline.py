@@ -66,8 +66,10 @@ def plan(
     from vega_planner.part import load_part
     from vega_planner.printability import assess_printability
     from vega_planner.printability.collisions import certificate, with_check
+    from vega_planner.printability.pose import choose_pose
     from vega_planner.printability.repair import resolve_collisions
     from vega_planner.robot import load_cell
+    from vega_planner.robot.workcell import place
     from vega_planner.splitting import split_layers
     from vega_planner.substrate import stand_on_substrate
     from vega_planner.toolpaths import lay_toolpaths
@@ -88,6 +90,8 @@ def plan(
             part, settings.layers, tell, edge_angle_deg=settings.part.edge_angle_deg
         )
     with stages.enter("printability") as tell:
+        if settings.cell.pose == "auto":
+            cell = place(cell, choose_pose(stack, cell, settings.printability))
         assessment = assess_printability(stack, cell, settings.printability, tell)
     with stages.enter("splitting") as tell:
         patches = split_layers(stack, assessment, cell, settings.printability, tell)

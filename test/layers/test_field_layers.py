@@ -44,6 +44,17 @@ def test_box_restrained_all_but_its_top_gives_flat_slices():
         assert layer.face_normals[:, 2].min() > 0.999
 
 
+@pytest.mark.parametrize("spacing", [0.7, 1.5])
+def test_round_walls_and_small_triangles_leave_slices_flat_up_to_the_rim(spacing):
+    """The rim of the first slice is found from nodes beyond the wall, aslant of the top."""
+    solid = Solid.cylinder(4, 9, 9, 72) - Solid.cylinder(9, 5, 5, 48).translate((6, 6, -2))
+    part = part_of(solid.refine_to_length(spacing), lambda n, c: n[:, 2] < 0.5)
+    section = part.face_areas[~part.restrained].sum()
+    for layer in generate_layers(part, SETTINGS).layers:
+        assert np.abs(layer.vertices[:, 2] - (4 - layer.depth_mm)).max() < 1e-3
+        assert layer.area == pytest.approx(section, rel=2e-3)
+
+
 def test_points_of_a_layer_lie_at_its_depth(stack):
     field = DistanceField.of_part(stack.part)
     errors = []

@@ -144,10 +144,9 @@ def count_vertices(level, corner_step, counts, ny, nz, first, last, base):
 
 
 @njit(nogil=True, cache=True)
-def solve3(a, b, x):
+def solve3(a, b, damping, x):
     """Solve the damped normal equations a x = b for a symmetric 3 by 3 matrix."""
-    trace = a[0] + a[3] + a[5]
-    e = 1e-3 * trace + 1e-30
+    e = damping + 1e-30
     p, q, s = a[0] + e, a[3] + e, a[5] + e
     c0 = q * s - a[4] * a[4]
     c1 = a[2] * a[4] - a[1] * s
@@ -295,7 +294,8 @@ def place(
                 if same < 0:
                     same = rows
                     rows += 1
-                elif g[same, 3] <= r - e:
+                elif g[same, 3] >= r - e:
+                    # Of two triangles on one sheet the nearer one tells its distance.
                     continue
                 g[same, 0], g[same, 1], g[same, 2], g[same, 3] = nx, ny, nz, r - e
             if rows == 0 or attempt == 1:
@@ -346,7 +346,9 @@ def place(
             if worst < 1e-5:
                 converged = True
                 break
-            solve3(a, b, step)
+            # Damping by the sheets' weight alone: by the walls', which is a thousandfold,
+            # it would hold back the steps towards the level.
+            solve3(a, b, 1e-3 * rows, step)
             length = np.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2)
             scale = 0.7 * h / length if length > 0.7 * h else 1.0
             v[0] += scale * step[0]

@@ -65,6 +65,24 @@ class CollisionCheck:
         """Number of colliding waypoints."""
         return len(self.path)
 
+    def of_passes(self, toolpaths: ToolpathSet) -> list[Ints]:
+        """Colliding waypoints of each pass, rising.
+
+        Where a move collides as it begins, that is the end of the pass before it, with all
+        of its own bead there.
+        """
+        hits = [np.sort(self.waypoint[self.path == n]) for n in range(len(toolpaths.passes))]
+        for number in -1 - self.path[(self.path < -1) & (self.waypoint == 0)]:
+            last = len(toolpaths.passes[number - 1].points) - 1
+            hits[number - 1] = np.union1d(hits[number - 1], [last])
+        return hits
+
+    def of_travels(self) -> dict[int, Ints]:
+        """Colliding waypoints of the moves that collide on their way, rising."""
+        on_way = (self.path < 0) & ((self.waypoint > 0) | (self.path == -1))
+        numbers = np.unique(-1 - self.path[on_way])
+        return {int(n): np.sort(self.waypoint[on_way & (self.path == -1 - n)]) for n in numbers}
+
     def summary(self) -> dict[str, Any]:
         """Tell the outcome in plain values, as `summary.json` and the certificate hold it."""
         return {

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Turn the nozzle where a waypoint collides, smoothly, and leave the rest as it is.
+"""What is done about colliding waypoints: turn the nozzle, move another way, leave out.
 
-The tool axes of a pass are interpolated between the vertices of its patch; in a tight
-place what is between two clear axes need not be clear. Each run of colliding waypoints
-gets one clear axis, nearest to what it had, reached and left by a ramp along the pass.
+The rest stays as it is. The tool axes of a pass are interpolated between the vertices of
+its patch; in a tight place what is between two clear axes need not be clear. Each run of
+colliding waypoints gets one clear axis, nearest to what it had, reached and left by a ramp
+along the pass.
 """
 
 from __future__ import annotations
@@ -14,12 +15,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from vega_planner.datatypes import Bools, Floats, LayerStack, Patch, ToolpathSet, Travel
+from vega_planner.datatypes import Bools, Floats, LayerStack, Patch, Toolpath, ToolpathSet, Travel
 from vega_planner.printability.collisions import (
     CollisionCheck,
     Surroundings,
     check_toolpaths,
 )
+from vega_planner.printability.leave_out import leave_out
+from vega_planner.printability.reroute import reroute
 from vega_planner.progress import Progress, Report
 from vega_planner.settings import PrintabilitySettings
 
@@ -52,9 +55,11 @@ def resolve_collisions(
     settings: PrintabilitySettings,
     report: Report,
 ) -> tuple[ToolpathSet, CollisionCheck]:
-    """Check every waypoint and turn the nozzle where it collides.
+    """Check every waypoint and do something about those that collide.
 
-    Only the collision-free orientation policy turns anything; the others are checked.
+    The nozzle is turned; moves between passes that still collide take another way; and
+    what little of the passes still does is left out, with a warning. Only the
+    collision-free orientation policy changes anything; the others are checked.
 
     Args:
         toolpaths: Passes and travel.
@@ -67,7 +72,11 @@ def resolve_collisions(
     Returns:
         The toolpaths, and the outcome of their last check.
     """
-    check = check_toolpaths(toolpaths, patches, stack, cell, settings, report)
+
+    def checked(paths: ToolpathSet) -> CollisionCheck:
+        return check_toolpaths(paths, patches, stack, cell, settings, report)
+
+    check = checked(toolpaths)
     if settings.orientation != "collision-free":
         return toolpaths, check
     for _ in range(ROUNDS):
@@ -75,10 +84,24 @@ def resolve_collisions(
         if not check.colliding or check.colliding > hopeless:
             break
         turned = _turned(toolpaths, check, stack, cell, settings, report)
-        again = check_toolpaths(turned, patches, stack, cell, settings, report)
+        again = checked(turned)
         if again.colliding >= check.colliding:
             break
         toolpaths, check = turned, again
+    travels = np.array(list(check.of_travels()), np.int64)
+    if len(travels):
+        around = Surroundings(toolpaths, stack, cell)
+        moved = reroute(toolpaths, travels, around, cell, report)
+        again = checked(moved)
+        if again.colliding < check.colliding:
+            toolpaths, check = moved, again
+    less = leave_out(toolpaths, check, stack.part)
+    if less is not None:
+        around = Surroundings(less[0], stack, cell)
+        moved = reroute(less[0], less[1], around, cell, report)
+        again = checked(moved)
+        if again.colliding < check.colliding:
+            toolpaths, check = moved, again
     return toolpaths, check
 
 
@@ -103,11 +126,13 @@ def _turned(
     tries = candidate_axes(settings.max_tilt_deg)
     passes = list(toolpaths.passes)
     travels = list(toolpaths.travels)
-    for path in np.unique(check.path):
+    printing = enumerate(check.of_passes(toolpaths))
+    hits = {number: hit for number, hit in printing if len(hit)}
+    hits |= {-1 - number: hit for number, hit in check.of_travels().items()}
+    for path, hit in hits.items():
         report(Progress("checks", 0.5))
-        hit = np.sort(check.waypoint[check.path == path])
-        line: Travel = travels[-1 - path] if path < 0 else passes[path]
-        first = around.first_of(int(path))
+        line: Toolpath | Travel = travels[-1 - path] if path < 0 else passes[path]
+        first = around.first_of(path)
         along = _arc_length(line.points)
         axes = np.array(line.axes)
         fixed = np.zeros(len(axes), np.bool_)
@@ -116,7 +141,7 @@ def _turned(
         for run in _runs(hit, along):
             _turn_run(run, first, line.points, axes, along, fixed, around, tries, settings)
         if path < 0:
-            travels[-1 - path] = replace(line, axes=axes)
+            travels[-1 - path] = replace(travels[-1 - path], axes=axes)
         else:
             passes[path] = replace(passes[path], axes=axes)
     for number, path_ in enumerate(passes):
@@ -147,7 +172,8 @@ def _turn_run(
     settings: PrintabilitySettings,
 ) -> None:
     """Give a run the axis nearest to its own that is clear all along; halve it if none is."""
-    check = around.at(first + int(run[-1]))
+    # at its last waypoint, the whole of a pass is there as the move begins
+    check = around.at(first + int(run[-1]) + (run[-1] == len(points) - 1))
     few = run[:: max(1, len(run) // 40)]
     least = np.full(len(tries), np.inf)
     for k in few:

@@ -67,8 +67,16 @@ def slerp_one(a: Floats, b: Floats, w: float) -> Floats:
     return slerp(a, b, np.array([w]))[0]
 
 
-def _refined(points: list[Floats], axes: list[Floats]) -> Travel:
-    """Put intermediate points on a polyline of poses."""
+def polyline_of_poses(points: list[Floats], axes: list[Floats]) -> Travel:
+    """Put intermediate points on a polyline of poses.
+
+    Args:
+        points: Corners [mm], each of shape (3,).
+        axes: Unit vectors from the tip back along the nozzle there, each of shape (3,).
+
+    Returns:
+        The move, in steps of a few millimetres and degrees; the corners are kept.
+    """
     out_points, out_axes = [points[0][None]], [axes[0][None]]
     for p, q, u, v in zip(points, points[1:], axes, axes[1:]):
         turn = math.acos(float(np.clip(u @ v, -1.0, 1.0)))
@@ -123,11 +131,11 @@ class TravelPlanner:
 
     def arrive(self, path: Toolpath) -> Travel:
         """Make the first move, from above the part to a pass."""
-        return _refined(*self._column(path.points[0], path.axes[0], -1))
+        return polyline_of_poses(*self._column(path.points[0], path.axes[0], -1))
 
     def leave(self, path: Toolpath) -> Travel:
         """Make the last move, from a pass to above the part."""
-        return _refined(*self._column(path.points[-1], path.axes[-1], 1))
+        return polyline_of_poses(*self._column(path.points[-1], path.axes[-1], 1))
 
     def move(self, before: Toolpath, after: Toolpath) -> Travel:
         """Make the move from the end of one pass to the start of the next.
@@ -147,7 +155,7 @@ class TravelPlanner:
                 if hop > 0:
                     points = [back, _at(back, level), _at(front, level), front]
                     axes = [u, slerp_one(u, up, lean), slerp_one(v, up, lean), v]
-                way = _refined(points, axes)
+                way = polyline_of_poses(points, axes)
                 if self._clear(way):
                     return _joined(a, u, way, b, v)
                 if hop == 0:
@@ -157,7 +165,7 @@ class TravelPlanner:
         self.blocked += 1
         out, out_axes = self._column(a, u, 1)
         into, into_axes = self._column(b, v, -1)
-        return _refined(out + into, out_axes + into_axes)
+        return polyline_of_poses(out + into, out_axes + into_axes)
 
     def _clear(self, way: Travel) -> bool:
         return bool(
