@@ -21,8 +21,8 @@ from vega_planner.nodes.conversions import layers_from_msg, mesh_to_msg, toolpat
 from vega_planner.progress import silent
 
 QUICK = [
-    Setting(key="layers.thickness_mm", value="1.6"),
-    Setting(key="toolpaths.width_mm", value="2.4"),
+    Setting(key="layers.thickness_mm", value="0.8"),
+    Setting(key="toolpaths.width_mm", value="1.2"),
 ]
 #: Thin layers: seconds of work.
 LONG = [

@@ -509,13 +509,9 @@ def _with_sequence(base: PrintabilityReport, proven: _Proven) -> PrintabilityRep
             remedy = "a substrate under it (vega substrate), or --brr down"
             reasons.append(Reason("no_support", patch.layer, float(area), where, remedy))
     reasons.sort(key=lambda reason: (-reason.area_mm2, reason.layer, reason.code))
-    status = base.status
-    if lost > 2e-3 * total:
-        status = "not"
     assert all(reason.code in REASON_CODES for reason in reasons)
     return replace(
         base,
-        status=status,
         collision_free_ratio=min(base.collision_free_ratio, 1 - lost / max(total, 1e-300)),
         reasons=tuple(reasons),
     )

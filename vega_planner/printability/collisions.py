@@ -95,9 +95,14 @@ class CollisionCheck:
 
 
 def with_check(report: PrintabilityReport, check: CollisionCheck) -> PrintabilityReport:
-    """Take the outcome of the final check into the report: what collides is not printable."""
+    """Take the outcome of the final check into the report: what collides is not printable.
+
+    The check of every waypoint has the last word over the order's, which judges patches by
+    their vertices before any path is laid.
+    """
     if not check.colliding:
-        return report
+        kept = tuple(reason for reason in report.reasons if reason.code != "printed_part")
+        return replace(report, reasons=kept)
     reasons = list(report.reasons)
     for name in sorted(set(check.obstacle)):
         chosen = np.array([word == name for word in check.obstacle])
