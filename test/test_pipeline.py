@@ -11,7 +11,7 @@ import pytest
 import trimesh
 
 from vega_planner import Settings, load_settings, plan
-from vega_planner.errors import Cancelled, NotPrintable, VegaError
+from vega_planner.errors import Cancelled, NotPrintable, Unreachable, VegaError
 from vega_planner.results.tables import read_table
 from vega_planner.shared_files import shared_file
 
@@ -166,6 +166,22 @@ def test_a_part_out_of_reach_says_so_and_by_how_much():
         assert {reason.code for reason in result.printability.reasons} & {
             "out_of_travel", "wrist_limit"
         }  # fmt: skip
+
+
+def test_the_pose_auto_finds_the_travel_of_a_gantry_that_does_not_span_the_middle(tmp_path):
+    urdf = shared_file("urdf", "vega5.urdf").read_text()
+    lopsided = urdf.replace('lower="-0.2" upper="0.2"', 'lower="0.0" upper="0.4"', 1)
+    assert lopsided != urdf
+    (tmp_path / "lopsided.urdf").write_text(lopsided)
+    cell = {"robot": str(tmp_path / "lopsided.urdf")}
+    coarse = {"layers": {"thickness_mm": 2.0}, "toolpaths": {"width_mm": 3.0}}
+    with pytest.raises(Unreachable, match="out of the robot's reach"):
+        plan_part("part1", coarse | {"cell": cell | {"pose": "0,0,0,0"}})
+    found = plan_part("part1", coarse | {"cell": cell | {"pose": "auto"}})
+    assert found.printability.status == "fully"
+    assert found.printability.reachable_ratio == 1.0
+    x_axis = found.trajectory.positions[:, found.trajectory.joint_names.index("x_axis")]
+    assert 0.0 <= x_axis.min() and x_axis.max() <= 0.4
 
 
 @pytest.mark.parametrize("stage", ["layers", "printability", "toolpaths", "trajectory"])

@@ -69,6 +69,7 @@ def plan(
     from vega_planner.printability.pose import choose_pose
     from vega_planner.printability.repair import resolve_collisions
     from vega_planner.robot import load_cell
+    from vega_planner.robot.placement import parse_pose
     from vega_planner.robot.workcell import place
     from vega_planner.splitting import split_layers
     from vega_planner.substrate import stand_on_substrate
@@ -90,7 +91,7 @@ def plan(
             part, settings.layers, tell, edge_angle_deg=settings.part.edge_angle_deg
         )
     with stages.enter("printability") as tell:
-        if settings.cell.pose == "auto":
+        if parse_pose(settings.cell.pose) is None:
             cell = place(cell, choose_pose(stack, cell, settings.printability))
         assessment = assess_printability(stack, cell, settings.printability, tell)
     with stages.enter("splitting") as tell:
