@@ -22,12 +22,12 @@ AREA = float(section_area(np.array(WIDTH), np.array(THICKNESS)))
 
 @pytest.fixture(scope="module")
 def planar(ideal, dome):
-    return simulate(ideal.planar_dome(20.0), dome, voxel_mm=0.1)
+    return simulate(ideal.planar_dome(20.0), dome, voxel_mm=0.2)
 
 
 @pytest.fixture(scope="module")
 def enveloping(ideal, dome):
-    return simulate(ideal.enveloping_dome(20.0), dome, voxel_mm=0.1)
+    return simulate(ideal.enveloping_dome(20.0), dome, voxel_mm=0.2)
 
 
 @pytest.mark.parametrize("axis", [(0.0, 0.0, 1.0), (0.0, 0.6, 0.8)])
