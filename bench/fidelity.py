@@ -71,14 +71,31 @@ PAPER = """| | planar | enveloping, Euclidean | change |
 | path length | | | differs by 5.4 ± 2.3 % |
 | computing time [s] | | 32 ± 7 | |
 """
-NOTE = """A virtual print lays down ideal beads: nothing sags, swells or slips, and what two
-beads claim twice does not flow elsewhere. So the figures here are below the paper's,
-which come from scans of silicone prints and hold the errors of material, machine and
-scanner. What can be compared is the change from planar to enveloping, which both take
-from the same parts with the same bead and speed. e3 is the limit for dense point sets;
-the paper's, between vertices, also grows with the distance of the vertices. "Not
-restrained" counts only where the closest point of the target lies outside the restraint
-region; "everywhere" counts all, the base on the plate included.
+NOTE = """Planar stands for `vega slice`, walls and concentric infill; enveloping, Euclidean, for
+the paper's projected zigzag lines; enveloping, geodesic, for what `vega plan` does.
+PrusaSlicer's rows are its own G-code of the same part, layer and bead, read back and
+printed by the same means; they enter no mean.
+
+What can be compared with the paper, and what cannot:
+
+- A virtual print lays down ideal beads: nothing sags, swells or slips, and what two
+  beads claim twice does not flow elsewhere. So the figures are below the paper's, which
+  come from scans of silicone prints and hold the errors of material, machine and
+  scanner. Absolute figures do not compare.
+- The change from planar to enveloping compares in kind: both use one bead, layer and
+  speed. The parts are drawn after the paper's and are not the same bodies.
+- Closed voids count as printed, as a scan cannot see them. Where the bead's volume is
+  well below the part's (the table of the job), the inside is not filled, and e1 does not
+  show it.
+- Open pits count with their walls. Where loops meet in a part's middle line and pits of
+  several layers stand over each other, they reach deep inside; then e2's deviation and
+  e3, which squares, are those of the pits. A scanner would see little of them.
+- e3 is the limit for dense point sets; the paper's, between vertices, also grows with
+  the distance of the vertices.
+- Computing times are of one run on a machine that did other work as well.
+
+"Not restrained" counts only where the closest point of the target lies outside the
+restraint region; "everywhere" counts all, the base on the plate included.
 """
 
 

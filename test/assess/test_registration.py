@@ -91,7 +91,7 @@ def ball(ideal):
 def test_noisy_half_scans_in_any_pose_are_found(body):
     generator = np.random.default_rng(11)
     middle = body.vertices.mean(0)
-    for _ in range(3):
+    for _ in range(2):
         scan, pose = half_scan(body, generator)
         found = register(scan, body)
         shift, angle = errors(found.T_target_scan, pose, middle)
@@ -115,8 +115,9 @@ def test_sphere_scaled_by_one_percent_has_the_known_measures(ball):
     assert result.registration.ambiguous, "a sphere can turn on itself"
 
 
-def test_shrunk_sphere_is_all_undershoot(ball):
-    result = measure(Scan(ball.vertices * 0.99, ball.faces), ball)
+def test_shrunk_body_is_all_undershoot(body):
+    middle = (body.vertices.max(0) + body.vertices.min(0)) / 2
+    result = measure(Scan(middle + (body.vertices - middle) * 0.99, body.faces), body)
     assert result.fidelity.under_pct == pytest.approx(100 * (1 - 0.99**3), rel=0.01)
     assert result.fidelity.over_pct == pytest.approx(0, abs=1e-3)
 
