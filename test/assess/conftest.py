@@ -101,7 +101,7 @@ def enveloping_dome(radius: float) -> BeadRows:
 @pytest.fixture(scope="session")
 def dome() -> Part:
     """Hemisphere of 40 mm diameter on its flat, restrained base."""
-    return round_part(20.0, np.pi / 2, 96, 240, "dome")
+    return round_part(20.0, np.pi / 2, 64, 160, "dome")
 
 
 @pytest.fixture(scope="session")

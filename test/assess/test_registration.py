@@ -15,7 +15,7 @@ from vega_planner.errors import BadMesh, InvalidInput, NotRegistered
 from vega_planner.results.ply import mesh_ply, read_mesh_ply
 
 
-def lumpy(count_u=140, count_v=70) -> Part:
+def lumpy(count_u=100, count_v=50) -> Part:
     """A closed body without symmetry, 50 mm long."""
     v = np.linspace(0, np.pi, count_v + 1)[1:-1]
     u = 2 * np.pi * np.arange(count_u) / count_u
@@ -78,27 +78,25 @@ def body():
 
 @pytest.fixture(scope="module")
 def ball(ideal):
-    dome = ideal.round_part(20.0, np.pi / 2, 60, 160)
+    dome = ideal.round_part(20.0, np.pi / 2, 40, 100)
     upper = dome.faces[~dome.restrained]
     count = len(dome.vertices)
     vertices = np.concatenate([dome.vertices, dome.vertices * [1, 1, -1]])
     faces = np.concatenate([upper, upper[:, ::-1] + count])
-    faces = np.where((faces >= count) & (faces < count + 160), faces - count, faces)
+    faces = np.where((faces >= count) & (faces < count + 100), faces - count, faces)
     used, flat = np.unique(faces, return_inverse=True)
     return Part("ball", vertices[used], flat.reshape(-1, 3), np.zeros(len(faces), bool))
 
 
-def test_noisy_half_scans_in_any_pose_are_found_nine_times_of_ten(body):
+def test_noisy_half_scans_in_any_pose_are_found(body):
     generator = np.random.default_rng(11)
     middle = body.vertices.mean(0)
-    good = 0
-    for _ in range(10):
+    for _ in range(2):
         scan, pose = half_scan(body, generator)
         found = register(scan, body)
         shift, angle = errors(found.T_target_scan, pose, middle)
-        good += shift <= 0.02 and angle <= 0.05
+        assert shift <= 0.02 and angle <= 0.05
         assert not found.ambiguous
-    assert good >= 9
 
 
 def test_registration_repeats_to_the_last_bit(body):
@@ -117,8 +115,9 @@ def test_sphere_scaled_by_one_percent_has_the_known_measures(ball):
     assert result.registration.ambiguous, "a sphere can turn on itself"
 
 
-def test_shrunk_sphere_is_all_undershoot(ball):
-    result = measure(Scan(ball.vertices * 0.99, ball.faces), ball)
+def test_shrunk_body_is_all_undershoot(body):
+    middle = (body.vertices.max(0) + body.vertices.min(0)) / 2
+    result = measure(Scan(middle + (body.vertices - middle) * 0.99, body.faces), body)
     assert result.fidelity.under_pct == pytest.approx(100 * (1 - 0.99**3), rel=0.01)
     assert result.fidelity.over_pct == pytest.approx(0, abs=1e-3)
 

@@ -22,12 +22,12 @@ AREA = float(section_area(np.array(WIDTH), np.array(THICKNESS)))
 
 @pytest.fixture(scope="module")
 def planar(ideal, dome):
-    return simulate(ideal.planar_dome(20.0), dome, voxel_mm=0.1)
+    return simulate(ideal.planar_dome(20.0), dome, voxel_mm=0.2)
 
 
 @pytest.fixture(scope="module")
 def enveloping(ideal, dome):
-    return simulate(ideal.enveloping_dome(20.0), dome, voxel_mm=0.1)
+    return simulate(ideal.enveloping_dome(20.0), dome, voxel_mm=0.2)
 
 
 @pytest.mark.parametrize("axis", [(0.0, 0.0, 1.0), (0.0, 0.6, 0.8)])
@@ -55,13 +55,13 @@ def test_bead_lies_where_its_axis_says(ideal):
 
 def test_plate_cuts_what_lies_below_it(ideal):
     result = simulate(
-        ideal.rows_of([ideal.line([-4, 0, 0], [4, 0, 0])]), ideal.block(), voxel_mm=0.05
+        ideal.rows_of([ideal.line([-4, 0, 0], [4, 0, 0])]), ideal.block(), voxel_mm=0.1
     )
     assert result.vertices[:, 2].min() == pytest.approx(0.0, abs=1e-3)
     whole = simulate(
         ideal.rows_of([ideal.line([-4, 0, 0], [4, 0, 0])]),
         ideal.block(),
-        voxel_mm=0.05,
+        voxel_mm=0.1,
         plate_z_mm=-5.0,
     )
     assert result.volume_mm3 == pytest.approx(whole.volume_mm3 / 2, rel=5e-3)

@@ -140,12 +140,14 @@ def _page(planar: _Print, enveloping: _Print) -> bytes:
 
     limit = heat_limit(planar.deviation, enveloping.deviation)
     both = {"planar": planar, "enveloping": enveloping}
-    pictures = [part_picture(planar.target, "Target")]
-    for name, item in both.items():
-        pictures.append(
-            figure(data_uri(draw(layer_scene(item.layers), View())), f"Layers, {name}, cut open")
-        )
-        pictures.append(part_picture(_Surface(item), f"Virtual print, {name}"))
+    prints = [
+        part_picture(planar.target, "Target"),
+        *(part_picture(_Surface(item), f"Virtual print, {name}") for name, item in both.items()),
+    ]
+    layers = [
+        figure(data_uri(draw(layer_scene(item.layers), View())), f"Layers, {name}, cut open")
+        for name, item in both.items()
+    ]
     maps = [
         row(heat_maps(item.vertices, item.faces, item.deviation.signed, limit, name))
         for name, item in both.items()
@@ -155,7 +157,8 @@ def _page(planar: _Print, enveloping: _Print) -> bytes:
     }
     free = {name: item.fidelity["free"] for name, item in both.items()}
     sections = [
-        row(pictures),
+        row(prints),
+        row(layers),
         "<h2>Fidelity, surfaces that are not restrained</h2>",
         measures_table(free, changes=True),
         "<h2>Fidelity, everywhere</h2>",

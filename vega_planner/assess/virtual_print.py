@@ -27,6 +27,7 @@ from vega_planner.assess.isosurface import extract_surface
 from vega_planner.assess.scanner import IDEAL, Scanner, scanned
 from vega_planner.assess.sight import PROBE_MM, Voids, fill_voids
 from vega_planner.datatypes import Bools, Floats, Ints, Part, ToolpathSet, TriangleGeometry
+from vega_planner.errors import InvalidInput
 from vega_planner.parallel import map_threads
 from vega_planner.progress import Progress, Report, silent
 
@@ -224,6 +225,10 @@ def read_target(folder: str | Path) -> Part:
     from vega_planner.results.ply import read_mesh_ply
 
     folder = Path(folder)
+    for name in ("part.ply", "toolpath.csv"):
+        if not (folder / name).is_file():
+            reason = f"it has no {name}" if folder.is_dir() else "no such folder"
+            raise InvalidInput(f"{folder} is not the result folder of a plan: {reason}")
     vertices, faces, _ = read_mesh_ply(folder / "part.ply")
     restrained = np.zeros(len(faces), bool)
     if (folder / "restraint.ply").exists():
@@ -263,6 +268,7 @@ def simulate_folder(
     from vega_planner.results.ply import mesh_ply
 
     folder = Path(folder)
+    check_voxel(voxel_mm)
     target = read_target(folder)
     result = simulate(
         read_beads(folder / "toolpath.csv"),
@@ -284,6 +290,16 @@ def simulate_folder(
         },
     )
     return figures
+
+
+def check_voxel(voxel_mm: float) -> None:
+    """Refuse a voxel size that means nothing.
+
+    Raises:
+        InvalidInput: If it is not a length above zero.
+    """
+    if not 0 < voxel_mm < float("inf"):
+        raise InvalidInput(f"voxel size {voxel_mm:g} mm; must be above 0")
 
 
 def plate_height(folder: Path) -> float:

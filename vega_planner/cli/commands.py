@@ -85,20 +85,32 @@ def evaluate(options: argparse.Namespace) -> int:
 def compare(options: argparse.Namespace) -> int:
     """Plan, slice, simulate both and report."""
     from vega_planner.assess.compare import compare_folders
-    from vega_planner.assess.virtual_print import simulate_folder
+    from vega_planner.assess.virtual_print import check_voxel, simulate_folder
+    from vega_planner.pipeline import plan as make_plan
+    from vega_planner.progress import within
+    from vega_planner.results.folder import staged_folder
 
-    out = Path(options.output)
     settings = read_settings(options)
-    quiet = argparse.Namespace(**{**vars(options), "quiet": True})
-    status = _plan_into(quiet, settings, str(out / "plan"))
-    _plan_into(quiet, settings.updated(BASELINE), str(out / "slice"))
-    with progress_bar(options.quiet) as report:
-        for name in ("plan", "slice"):
-            simulate_folder(out / name, voxel_mm=options.voxel, report=report)
-    table = compare_folders(out / "plan", out / "slice", out)
+    check_voxel(options.voxel)
+    status = 0
+    with progress_bar(options.quiet) as report, staged_folder(options.output) as folder:
+        for start, name, changes in ((0.0, "plan", {}), (0.5, "slice", BASELINE)):
+            tell = within(report, name, start, start + 0.25)
+            result = make_plan(options.part, settings.updated(changes), tell)
+            if not result.toolpaths.passes:
+                raise NotPrintable(
+                    f"nothing of '{result.part.name}' can be printed by 'vega {name}', "
+                    "so there is nothing to compare; 'vega plan' says why"
+                )
+            if name == "plan" and result.printability.status == "not":
+                status = NotPrintable.exit_status
+            result.write(folder / name)
+            tell = within(report, f"simulate {name}", start + 0.25, start + 0.5)
+            simulate_folder(folder / name, voxel_mm=options.voxel, report=tell)
+        table = compare_folders(folder / "plan", folder / "slice", folder)
     if not options.quiet:
         print(json.dumps(table, indent=2))
-        print(f"report: {(out / 'report.html').absolute()}")
+        print(f"report: {Path(options.output).absolute() / 'report.html'}")
     return status
 
 

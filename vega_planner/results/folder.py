@@ -75,18 +75,38 @@ def write_folder(
         OutputError: If something cannot be written; the folder is then as it was.
     """
     path = check_output_folder(out)
+    with staged_folder(path, obsolete) as new:
+        for name, content in files.items():
+            target = new / name
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.write_bytes(content if isinstance(content, bytes) else content())
+    return path
+
+
+@contextlib.contextmanager
+def staged_folder(out: str | Path, obsolete: tuple[str, ...] = ()) -> Iterator[Path]:
+    """Give a folder to fill, whose entries move into `out` when the block ends well.
+
+    Args:
+        out: Folder to write.
+        obsolete: Entries of an earlier result that go, should they be there.
+
+    Yields:
+        An empty folder beside `out`; it goes when the block raises.
+
+    Raises:
+        OutputError: If something cannot be written; `out` is then as it was.
+    """
+    path = check_output_folder(out)
     with output_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         staging = Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=path.parent))
         try:
-            for name, content in files.items():
-                target = staging / "new" / name
-                target.parent.mkdir(parents=True, exist_ok=True)
-                target.write_bytes(content if isinstance(content, bytes) else content())
+            (staging / "new").mkdir()
+            yield staging / "new"
             _move_in(staging, path, obsolete)
         finally:
             shutil.rmtree(staging, ignore_errors=True)
-    return path
 
 
 def _move_in(staging: Path, path: Path, obsolete: tuple[str, ...]) -> None:

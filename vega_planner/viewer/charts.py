@@ -36,11 +36,14 @@ def violins(groups: Mapping[str, tuple[Floats, Floats]], label: str) -> str:
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" '
         f'role="img" font-family="system-ui,sans-serif" font-size="12">'
     ]
-    for k in range(5):
-        value = top * k / 4
+    step = _round_step(top / 4)
+    digits = max(0, -int(np.floor(np.log10(step) + 1e-9)))
+    for k in range(int(top / step + 1e-9) + 1):
+        value = step * k
+        mark = f"{value:.{digits}f}"
         parts.append(
             f'<path d="M{left} {y(value):.1f}H{width}" stroke="#e3e6ea"/>'
-            f'<text x="{left - 6}" y="{y(value) + 4:.1f}" text-anchor="end">{value:.2f}</text>'
+            f'<text x="{left - 6}" y="{y(value) + 4:.1f}" text-anchor="end">{mark}</text>'
         )
     middle = 10 + plot / 2
     parts.append(
@@ -54,6 +57,12 @@ def violins(groups: Mapping[str, tuple[Floats, Floats]], label: str) -> str:
             f'<text x="{centre}" y="{height - 12}" text-anchor="middle">{text(name)}</text>'
         )
     return "".join(parts) + "</svg>"
+
+
+def _round_step(length: float) -> float:
+    """Choose 1, 2 or 5 times a power of ten, at least as long as asked."""
+    power = 10.0 ** np.floor(np.log10(length))
+    return float(power * next(m for m in (1, 2, 5, 10) if m * power >= length * (1 - 1e-9)))
 
 
 def _top(values: Floats, weights: Floats) -> float:
@@ -79,6 +88,10 @@ def _violin(values: Floats, weights: Floats, top: float, centre: float, y, colou
     )
 
 
+def _signed(value: float) -> str:
+    return f"{value:+.2f}" if value else "0"
+
+
 def heat_scale(limit: float, label: str) -> str:
     """Draw the scale of a heat map from -limit to limit."""
     cells = []
@@ -89,7 +102,7 @@ def heat_scale(limit: float, label: str) -> str:
             f'fill="#{int(red):02x}{int(green):02x}{int(blue):02x}"/>'
         )
     marks = "".join(
-        f'<text x="{10 + 180 * (k + 1)}" y="36" text-anchor="middle">{k * limit:+.2f}</text>'
+        f'<text x="{10 + 180 * (k + 1)}" y="36" text-anchor="middle">{_signed(k * limit)}</text>'
         for k in (-0.9, -0.5, 0, 0.5, 0.9)
     )
     return (

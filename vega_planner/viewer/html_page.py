@@ -15,6 +15,7 @@ h1{font-size:1.5rem;margin:.2em 0}h2{font-size:1.15rem;margin:1.6em 0 .4em}
 .row{display:flex;flex-wrap:wrap;gap:.8rem}
 figure{margin:0;flex:1 1 17rem;max-width:100%;min-width:0}
 figure img,figure svg{width:100%;height:auto;border:1px solid #dfe3e8;border-radius:6px}
+figure svg{display:block;max-width:26rem;margin:0 auto}
 figcaption{font-size:.9rem;color:#46505e;padding:.2em 0}
 .scroll{overflow-x:auto}
 table{border-collapse:collapse;width:100%;font-variant-numeric:tabular-nums}
