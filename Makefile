@@ -14,7 +14,7 @@ PYTHON ?= $(shell for p in python3.12 python3.11 python3; do \
 	$$p -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 12))' 2>/dev/null \
 	&& echo $$p && break; done)
 
-.PHONY: setup print test bench view parts urdf clean
+.PHONY: setup print test bench view parts urdf screenshots clean
 
 setup:
 	@test -n "$(PYTHON)" || { echo "make: no Python 3.11 or 3.12 found; name one with PYTHON=..." >&2; exit 2; }
@@ -44,6 +44,10 @@ parts: setup
 
 urdf: setup
 	@.venv/bin/python -m vega_planner.robot.description
+
+screenshots: setup
+	@.venv/bin/python tools/setup_browser.py
+	@.venv/bin/python tools/screenshots.py
 
 clean:
 	rm -rf build install log .venv out
