@@ -181,7 +181,7 @@ def test_the_pose_auto_finds_the_travel_of_a_gantry_that_does_not_span_the_middl
     assert found.printability.status == "fully"
     assert found.printability.reachable_ratio == 1.0
     x_axis = found.trajectory.positions[:, found.trajectory.joint_names.index("x_axis")]
-    assert 0.0 <= x_axis.min() and x_axis.max() <= 0.4
+    assert x_axis.min() >= 0.0 and x_axis.max() <= 0.4
 
 
 @pytest.mark.parametrize("stage", ["layers", "printability", "toolpaths", "trajectory"])
