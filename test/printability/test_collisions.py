@@ -20,6 +20,7 @@ from vega_planner.printability.collisions import certificate, check_toolpaths, w
 from vega_planner.printability.repair import resolve_collisions
 from vega_planner.progress import silent
 from vega_planner.settings import PrintabilitySettings, Settings
+from vega_planner.toolpaths.coverage import deposited_volume
 
 from .envelopes import default_cell, dome
 
@@ -165,3 +166,31 @@ def test_a_plan_that_collides_is_not_called_printable():
     assert report.status == "not"
     assert report.reasons[0].code == "printed_part"
     assert "waypoints collide" in report.reasons[0].remedy
+
+
+def test_a_move_through_a_wall_takes_a_way_over_it():
+    sides = [line([-10, -12, 0.4], [10, -12, 0.4], patch=1), line([10, 12, 0.4], [-10, 12, 0.4])]
+    paths = joined([*wall(20), *sides], high=5.0)
+    assert check(paths).colliding > 0
+    cleared, found = resolve_collisions(paths, (), dome(), default_cell(), SETTINGS, silent)
+    assert found.colliding == 0 and found.checked == check(cleared).checked
+    assert all(a is b for a, b in zip(cleared.passes, paths.passes))
+    for before, move, after in zip(cleared.passes, cleared.travels[1:], cleared.passes[1:]):
+        np.testing.assert_array_equal(move.points[[0, -1]], [before.points[-1], after.points[0]])
+        np.testing.assert_array_equal(move.axes[[0, -1]], [before.axes[-1], after.axes[0]])
+
+
+def test_next_to_nothing_that_cannot_be_laid_is_left_out_and_told():
+    part = dome().part
+    rows = [wall(12, y) for y in (-2.4, -1.2, 0.0, 1.2, 2.4)]
+    block = [bead for level in zip(*rows) for bead in level]
+    short = line([-0.4, 0.0, 3.0], [0.4, 0.0, 3.0], patch=1)  # inside the finished block
+    paths = joined([*block, short])
+    cleared, found = resolve_collisions(paths, (), dome(), default_cell(), SETTINGS, silent)
+    assert found.colliding == 0 and check(cleared).colliding == 0
+    lost = deposited_volume(paths.passes) - deposited_volume(cleared.passes)
+    assert 0 < lost <= 0.001 * part.volume
+    assert any("left out" in warning for warning in cleared.warnings)
+    long = joined([*block, line([-9, 0.0, 3.0], [9, 0.0, 3.0], patch=1)])
+    kept, found = resolve_collisions(long, (), dome(), default_cell(), SETTINGS, silent)
+    assert found.colliding > 0 and len(kept.passes) == 61

@@ -84,8 +84,8 @@ def polyline_of_poses(points: list[Floats], axes: list[Floats]) -> Travel:
             1, math.ceil(float(np.linalg.norm(q - p)) / _STEP_MM), math.ceil(turn / _TURN_RAD)
         )
         w = np.arange(1, count + 1) / count
-        out_points.append(p + w[:, None] * (q - p))
-        out_axes.append(slerp(u, v, w))
+        out_points.append(np.vstack([p + w[:-1, None] * (q - p), q]))
+        out_axes.append(np.vstack([slerp(u, v, w[:-1]), v]))
     return Travel(np.concatenate(out_points), np.concatenate(out_axes))
 
 
