@@ -87,9 +87,9 @@ What can be compared with the paper, and what cannot:
 - Closed voids count as printed, as a scan cannot see them. Where the bead's volume is
   well below the part's (the table of the job), the inside is not filled, and e1 does not
   show it.
-- Open pits count with their walls. Where loops meet in a part's middle line and pits of
-  several layers stand over each other, they reach deep inside; then e2's deviation and
-  e3, which squares, are those of the pits. A scanner would see little of them.
+- Open pits count with their walls. Where gaps between beads join from layer to layer,
+  the outer surface reaches deep inside, as in the geodesic print of part0; then e2's
+  deviation and e3, which squares, are mostly those of the pits.
 - e3 is the limit for dense point sets; the paper's, between vertices, also grows with
   the distance of the vertices.
 - Computing times are of one run on a machine that did other work as well.

@@ -78,12 +78,12 @@ def body():
 
 @pytest.fixture(scope="module")
 def ball(ideal):
-    dome = ideal.round_part(20.0, np.pi / 2, 40, 100)
+    dome = ideal.round_part(20.0, np.pi / 2, 32, 80)
     upper = dome.faces[~dome.restrained]
     count = len(dome.vertices)
     vertices = np.concatenate([dome.vertices, dome.vertices * [1, 1, -1]])
     faces = np.concatenate([upper, upper[:, ::-1] + count])
-    faces = np.where((faces >= count) & (faces < count + 100), faces - count, faces)
+    faces = np.where((faces >= count) & (faces < count + 80), faces - count, faces)
     used, flat = np.unique(faces, return_inverse=True)
     return Part("ball", vertices[used], flat.reshape(-1, 3), np.zeros(len(faces), bool))
 
