@@ -27,7 +27,7 @@ FINENESS = 4
 _REACH = 2
 
 #: Summits that are looked at; the deepest are the ones that matter.
-MOST_SUMMITS = 4
+MOST_SUMMITS = 24
 
 
 def find_summits(
