@@ -16,7 +16,7 @@ from vega_planner.layers.distance_field import DistanceField
 from vega_planner.layers.geodesic import Sources, bend_distances, is_convex_at_region
 from vega_planner.layers.grid import finish, sample_part
 from vega_planner.layers.refine import refine_sheet
-from vega_planner.layers.summits import find_summits, with_pieces
+from vega_planner.layers.summits import with_summits
 from vega_planner.parallel import map_threads
 from vega_planner.progress import Report
 from vega_planner.settings import LayerSettings
@@ -96,8 +96,9 @@ def field_layers(part: Part, settings: LayerSettings, report: Report) -> LayerSt
                 "straight one",
             )
     finish(grid, sources.tri, brr, t / 2, t)
-    summits = find_summits(part, grid, field, brr, t) if len(sources.box) else []
-    sheets = with_pieces(contour_levels(grid, sources, brr, t / 2, t), summits)
+    sheets = contour_levels(grid, sources, brr, t / 2, t)
+    if len(sources.box):
+        sheets = with_summits(part, grid, field, brr, sheets, t)
     sheets = map_threads(lambda sheet: refine_sheet(sheet, sources, brr), sheets)
     core = Core.nothing(sheets, t)
     if settings.fill_core:

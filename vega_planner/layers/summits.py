@@ -30,44 +30,37 @@ _REACH = 2
 MOST_SUMMITS = 24
 
 
-def find_summits(
-    part: Part, grid: Grid, field: DistanceField, brr: DistanceField | None, t: float
-) -> list[tuple[int, Sheet]]:
-    """Contour the small last pieces of level sets that the grid misses or barely meets.
+def with_summits(
+    part: Part,
+    grid: Grid,
+    field: DistanceField,
+    brr: DistanceField | None,
+    sheets: list[Sheet],
+    t: float,
+) -> list[Sheet]:
+    """Add the pieces of level sets that the grid has missed.
 
-    A piece met by one node only is taken from the grid, whose eight vertices there
-    would tell little of its shape: that node's level is lowered in place. Pieces that
-    reach farther than two spacings are left to the grid and the core.
+    Pieces that reach farther than two spacings are left to the core.
 
     Args:
         part: The part.
         grid: Signed distances at the nodes.
         field: Distances to S, straight ones.
         brr: Distances to the restraint region, or None.
-        t: Distance between levels, the first of them t/2 [mm].
+        sheets: The level sets found, from t/2 on, t apart.
+        t: Distance between levels [mm].
 
     Returns:
-        Number of its level, and the sheet, for each piece.
+        The sheets, with one more where the deepest level was missed.
     """
+    sheets = list(sheets)
     pieces: list[tuple[int, Sheet]] = []
     for node in _summits(grid, t):
-        above = int(grid.level[node])
-        if _is_alone(grid, node):
-            piece = _piece(part, grid, field, brr, node, (above - 0.5) * t)
-            if piece is not None:
-                pieces.append((above - 1, piece))
-                grid.level[node] -= 1
-        else:
-            piece = _piece(part, grid, field, brr, node, (above + 0.5) * t)
-            if piece is not None:
-                pieces.append((above, piece))
-    return sorted(pieces, key=lambda item: item[0])
-
-
-def with_pieces(sheets: list[Sheet], pieces: list[tuple[int, Sheet]]) -> list[Sheet]:
-    """Add pieces to the sheets of their levels, or as new sheets behind the last."""
-    sheets = list(sheets)
-    for level, piece in pieces:
+        level = int(grid.level[node])
+        piece = _piece(part, grid, field, brr, node, (level + 0.5) * t)
+        if piece is not None:
+            pieces.append((level, piece))
+    for level, piece in sorted(pieces, key=lambda item: item[0]):
         if level < len(sheets):
             sheets[level] = _joined(sheets[level], piece)
         elif level == len(sheets):
@@ -75,28 +68,22 @@ def with_pieces(sheets: list[Sheet], pieces: list[tuple[int, Sheet]]) -> list[Sh
     return sheets
 
 
-def _neighbours(grid: Grid) -> list[int]:
-    _, ny, nz = grid.shape
-    reach = (-1, 0, 1)
-    offsets = [(i * ny + j) * nz + k for i in reach for j in reach for k in reach]
-    return sorted((offset for offset in offsets if offset != 0), key=abs)
-
-
-def _is_alone(grid: Grid, node: int) -> bool:
-    """Tell whether a node alone is beyond the last level it has passed."""
-    level = grid.level[node]
-    return bool(level > grid.level[node + np.array(_neighbours(grid))].max())
-
-
 def _summits(grid: Grid, t: float) -> list[int]:
-    """Choose nodes about which a level may be passed unseen, or by that node alone."""
+    """Choose nodes about which the distance may pass the next level unseen."""
     h = grid.spacing
+    _, ny, nz = grid.shape
     d = grid.distance
     inside = np.flatnonzero(grid.state == grid_kernels.INSIDE)
     short = (grid.level[inside] + 0.5) * t - d[inside]
-    past = (short > t - np.sqrt(3.0) * h) & (grid.level[inside] > 0)
-    nodes = inside[past | (short < np.sqrt(0.75) * h - LOWEST_RATIO * t)]
-    for offset in _neighbours(grid):
+    nodes = inside[short < np.sqrt(0.75) * h - LOWEST_RATIO * t]
+    offsets = [
+        (i * ny + j) * nz + k
+        for i in (-1, 0, 1)
+        for j in (-1, 0, 1)
+        for k in (-1, 0, 1)
+        if (i, j, k) != (0, 0, 0)
+    ]
+    for offset in sorted(offsets, key=abs):
         other = nodes + offset
         deeper = (d[other] > d[nodes]) & (grid.state[other] == grid_kernels.INSIDE)
         nodes = nodes[~deeper]
@@ -162,11 +149,10 @@ def _piece(
 
 
 def _is_new(piece: np.ndarray, margin: int) -> bool:
-    """Tell whether a piece ends within the fine grid and holds no other node of the coarse one."""
+    """Tell whether a piece ends within the fine grid and holds no node of the coarse one."""
     inner = np.zeros_like(piece)
     inner[(slice(margin + 1, -margin - 1),) * 3] = True
-    coarse = piece[(slice(margin, None, FINENESS),) * 3].copy()
-    coarse[(_REACH,) * 3] = False
+    coarse = piece[(slice(margin, None, FINENESS),) * 3]
     return not (piece & ~inner).any() and not coarse.any()
 
 
