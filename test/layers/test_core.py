@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 from vega_planner.layers import generate_layers
-from vega_planner.layers.core import within_region
 from vega_planner.layers.distance_field import DistanceField
 from vega_planner.settings import LayerSettings
 
-from .shapes import box, box_from_above, dome
+from .shapes import box, box_from_above
 
 SETTINGS = LayerSettings(thickness_mm=0.8)
 
@@ -63,43 +62,3 @@ def test_without_filling_only_envelopes_are_made():
     stack = generate_layers(box_from_above(20, 15, 12.5), settings)
     assert stack.cores == ()
     assert len(stack.layers) == 16
-
-
-def pieces_of(sheet):
-    """Areas of the connected pieces of a sheet, by hand: faces that share a vertex."""
-    label = np.arange(len(sheet.vertices))
-    while True:
-        low = label[sheet.faces].min(1)
-        new = label.copy()
-        for corner in range(3):
-            np.minimum.at(new, sheet.faces[:, corner], low)
-        if (new == label).all():
-            break
-        label = new
-    areas = np.bincount(label[sheet.faces[:, 0]], sheet.face_areas)
-    return areas[areas > 0]
-
-
-@pytest.mark.parametrize("radius", [14.0, 18.0])
-def test_no_piece_of_the_core_is_smaller_than_a_bead_or_beyond_the_base(radius):
-    part = dome(radius, 96)
-    stack = generate_layers(part, SETTINGS)
-    assert stack.uncovered_ratio < 0.005
-    assert [core.index for core in stack.cores] == list(range(len(stack.cores)))
-    for core in stack.cores:
-        assert pieces_of(core).min() >= 0.8**2
-        assert core.vertices[:, 2].min() > -1e-6
-
-
-def test_small_pieces_stay_where_the_part_is_made_of_them():
-    stack = generate_layers(box(0.7, 0.5, 4), SETTINGS)
-    assert stack.cores and stack.uncovered_ratio < 0.5
-
-
-def test_points_beyond_the_region_come_back_onto_it():
-    part = box(10, 10, 6)
-    field = DistanceField.of_part(part)
-    brr = DistanceField(part.vertices, part.faces[part.restrained])
-    points = np.array([[5, 5, -0.3], [5, 5, 0.3], [4, 6, 3.0]])
-    expected = np.array([[5, 5, 0.0], [5, 5, 0.3], [4, 6, 3.0]])
-    np.testing.assert_allclose(within_region(points, field, brr), expected)

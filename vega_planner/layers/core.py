@@ -48,10 +48,6 @@ SLIVER_SHARE = 0.8
 #: their round ends leave open and what bulges out.
 END_RATIO = 0.75
 
-#: Area, in t², below which a piece of the core is left out: a bead is about as wide as
-#: it is high and cannot be shorter than wide, so its footprint is t² at least.
-SMALLEST_PIECE = 1.0
-
 _CHUNK = 4096
 
 
@@ -136,7 +132,7 @@ def fill_core(
     last: list[Layer | None] = [None] * (len(sheets) + 1)
     walls, (gap, _) = fronts[0], gaps[0]
     spread = _spread(walls)
-    _add(cores, field, brr, walls, gap < MIDDLE_RATIO * t, spread, 0.0, True, t)
+    _add(cores, field, walls, gap < MIDDLE_RATIO * t, spread, 0.0, True, t)
     for k, (front, (gap, opposed)) in enumerate(zip(fronts[1:], gaps[1:])):
         own = gap < t / 2
         if not own.any():
@@ -149,10 +145,10 @@ def fill_core(
                 # of the stack is empty.
                 moved &= own
             kept[k] &= ~moved & ~slivers
-            last[k] = _add(cores, field, brr, front, moved, spread, k * t, False, t)
+            last[k] = _add(cores, field, front, moved, spread, k * t, False, t)
             own &= kept[k]
         wide = own & opposed & (gap >= t / 4)
-        _add(cores, field, brr, front, wide, spread, (k + 1) * t, True, t)
+        _add(cores, field, front, wide, spread, (k + 1) * t, True, t)
         narrow = np.unique(front.faces[own & ~wide])
         free = np.where(np.isfinite(spread), spread - k * t, t)
         thickness[k][narrow] = np.clip(free[narrow], t / 2, 1.25 * t)
@@ -173,7 +169,7 @@ def fill_core(
                     rows = np.flatnonzero(following)
                     gone = DistanceField(vertices, faces).distances(ahead[rows]) > t / 2
                     following[rows] = gone
-        _add(cores, field, brr, front, following, _spread(front), k * t, False, t)
+        _add(cores, field, front, following, _spread(front), k * t, False, t)
     return Core(tuple(cores), tuple(thickness), tuple(kept))
 
 
@@ -384,7 +380,6 @@ def _face_inward(front: Front) -> Floats:
 def _add(
     cores: list[Layer],
     field: DistanceField,
-    brr: DistanceField | None,
     front: Front,
     chosen: Bools,
     room: Floats,
@@ -416,8 +411,6 @@ def _add(
         away[on_surface] = -field.normals(found.faces[on_surface])
         push = np.maximum(ends - found.distances, 0.0)
         points[unsure] += away * np.minimum(push, t)[:, None]
-    if brr is not None:
-        points = within_region(points, field, brr)
     thickness = 2 * free if middle else free
     if middle:
         faces = one_side(points, faces, front.inward[used], float(np.median(free)))
@@ -435,61 +428,6 @@ def _add(
     )
     cores.append(sheet)
     return sheet
-
-
-def within_region(points: Floats, field: DistanceField, brr: DistanceField) -> Floats:
-    """Bring points that lie beyond the restraint region back onto it.
-
-    Args:
-        points: Points in the part or a little outside it [mm], shape (n, 3).
-        field: Distances to S.
-        brr: Distances to the restraint region.
-
-    Returns:
-        The points, those beyond the region replaced by its nearest ones.
-    """
-    found = brr.nearest(points)
-    out = ((points - found.points) * brr.normals(found.faces)).sum(1) > 0
-    rows = np.flatnonzero(out)
-    rows = rows[found.distances[rows] <= field.distances(points[rows])]
-    points = points.copy()
-    points[rows] = found.points[rows]
-    return points
-
-
-def without_fragments(cores: tuple[Layer, ...], t: float) -> tuple[Layer, ...]:
-    """Leave out connected pieces of the core too small for a bead.
-
-    Args:
-        cores: The sheets of the core.
-        t: Layer thickness [mm].
-
-    Returns:
-        The sheets without pieces below `SMALLEST_PIECE` t², numbered anew.
-    """
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
-    left: list[Layer] = []
-    for core in cores:
-        count = len(core.vertices)
-        first, second = core.faces[:, [0, 1]].ravel(), core.faces[:, [1, 2]].ravel()
-        links = coo_matrix((np.ones(len(first)), (first, second)), shape=(count, count))
-        piece = connected_components(links, directed=False)[1][core.faces[:, 0]]
-        kept = np.bincount(piece, core.face_areas)[piece] >= SMALLEST_PIECE * t**2
-        if not kept.any():
-            continue
-        used, numbers = np.unique(core.faces[kept], return_inverse=True)
-        left.append(
-            replace(
-                core,
-                index=len(left),
-                vertices=core.vertices[used],
-                faces=numbers.reshape(-1, 3),
-                thickness=core.thickness[used],
-            )
-        )
-    return tuple(left)
 
 
 def _without_slivers(points: Floats, faces: Ints) -> Ints:

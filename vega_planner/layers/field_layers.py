@@ -10,13 +10,12 @@ import numpy as np
 from vega_planner.datatypes import Bools, Floats, Ints, Layer, LayerStack, Part
 from vega_planner.errors import BadRestraint, NoLayers
 from vega_planner.layers.contour import Sheet, contour_levels
-from vega_planner.layers.core import Core, fill_core, without_fragments
+from vega_planner.layers.core import Core, fill_core
 from vega_planner.layers.coverage import coverage_ratios
 from vega_planner.layers.distance_field import DistanceField
 from vega_planner.layers.geodesic import Sources, bend_distances, is_convex_at_region
 from vega_planner.layers.grid import finish, sample_part
 from vega_planner.layers.refine import refine_sheet
-from vega_planner.layers.summits import with_summits
 from vega_planner.parallel import map_threads
 from vega_planner.progress import Report
 from vega_planner.settings import LayerSettings
@@ -30,9 +29,6 @@ MOST_NODES = 12e6
 
 #: Open share of the volume above which sharp edges are thickened.
 FILLED_RATIO = 0.004
-
-#: Open share of the volume above which small pieces of the core are kept after all.
-NEEDED_RATIO = 0.005
 
 #: Open share of the volume above which a person is told.
 OPEN_RATIO = 0.01
@@ -97,8 +93,6 @@ def field_layers(part: Part, settings: LayerSettings, report: Report) -> LayerSt
             )
     finish(grid, sources.tri, brr, t / 2, t)
     sheets = contour_levels(grid, sources, brr, t / 2, t)
-    if len(sources.box):
-        sheets = with_summits(part, grid, field, brr, sheets, t)
     sheets = map_threads(lambda sheet: refine_sheet(sheet, sources, brr), sheets)
     core = Core.nothing(sheets, t)
     if settings.fill_core:
@@ -120,14 +114,8 @@ def field_layers(part: Part, settings: LayerSettings, report: Report) -> LayerSt
         layers.pop()
     if not layers and not core.cores:
         raise NoLayers(f"no layer of t = {t:g} mm fits into part '{part.name}'")
-    sheets_made = (*layers, *without_fragments(core.cores, t))
+    sheets_made = (*layers, *core.cores)
     uncovered, overfill = coverage_ratios(grid, sheets_made, t, part.volume)
-    if not sheets_made or (uncovered > NEEDED_RATIO and len(core.cores)):
-        # The part is made of small pieces; they are what there is.
-        everything = (*layers, *core.cores)
-        more, excess = coverage_ratios(grid, everything, t, part.volume)
-        if more < uncovered - 1e-9:
-            sheets_made, uncovered, overfill = everything, more, excess
     if settings.fill_core and uncovered > FILLED_RATIO:
         sheets_made = tuple(thicker_creases(layer) for layer in sheets_made)
         uncovered, overfill = coverage_ratios(grid, sheets_made, t, part.volume)

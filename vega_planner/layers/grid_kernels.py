@@ -42,12 +42,8 @@ def scan_columns(vertices, faces, origin, h, nx, ny, start, height, sign):
         ax, ay = (vertices[a, 0] - origin[0]) / h, (vertices[a, 1] - origin[1]) / h
         bx, by = (vertices[b, 0] - origin[0]) / h, (vertices[b, 1] - origin[1]) / h
         cx, cy = (vertices[c, 0] - origin[0]) / h, (vertices[c, 1] - origin[1]) / h
-        i_first = max(int(np.ceil(min(ax, bx, cx))), 0)
-        i_last = min(int(np.floor(max(ax, bx, cx))), nx - 1)
-        j_first = max(int(np.ceil(min(ay, by, cy))), 0)
-        j_last = min(int(np.floor(max(ay, by, cy))), ny - 1)
-        for i in range(i_first, i_last + 1):
-            for j in range(j_first, j_last + 1):
+        for i in range(int(np.ceil(min(ax, bx, cx))), int(np.floor(max(ax, bx, cx))) + 1):
+            for j in range(int(np.ceil(min(ay, by, cy))), int(np.floor(max(ay, by, cy))) + 1):
                 wa = edge_side(bx, by, cx, cy, i, j)
                 wb = edge_side(cx, cy, ax, ay, i, j)
                 wc = edge_side(ax, ay, bx, by, i, j)
@@ -84,8 +80,8 @@ def mark_inside(start, height, sign, nz, state):
         for i in range(first, last - 1):
             winding -= sign[i]
             if winding != 0:
-                low = max(int(np.ceil(height[i])), 0)
-                high = min(int(np.floor(height[i + 1])), nz - 1)
+                low = int(np.ceil(height[i]))
+                high = int(np.floor(height[i + 1]))
                 for k in range(low, high + 1):
                     state[column * nz + k] = INSIDE
 
