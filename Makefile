@@ -47,6 +47,7 @@ urdf: setup
 
 screenshots: setup
 	@.venv/bin/python tools/setup_browser.py
+	@.venv/bin/python tools/draw_layers.py
 	@.venv/bin/python tools/screenshots.py
 
 clean:

@@ -72,7 +72,7 @@ def _pictures(plan: PrintPlan) -> list[str]:
             "Layers, cut open; from the first generated (dark) to the last (light)",
         ),
         figure(
-            data_uri(draw(_path_scene(plan.toolpaths), View(), 0.4 * width)),
+            data_uri(draw(path_scene(plan.toolpaths), View(), 0.4 * width)),
             "Toolpath, cut open; in print order from dark to light",
         ),
     ]
@@ -121,7 +121,8 @@ def _behind(points: Floats, middle: Floats) -> Bools:
     return ~((points[:, 0] > middle[0]) & (points[:, 1] < middle[1]))
 
 
-def _path_scene(toolpaths: ToolpathSet) -> Scene:
+def path_scene(toolpaths: ToolpathSet) -> Scene:
+    """Lay out the passes in print order, with the quarter nearest to the eye cut away."""
     scene = Scene()
     total = sum(len(path.points) for path in toolpaths.passes)
     every = 1 + total // _MOST_POINTS
