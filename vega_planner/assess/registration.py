@@ -70,13 +70,13 @@ class Registration:
     def ambiguous(self) -> bool:
         """Whether another pose fits nearly as well: the part is symmetric, or too little
         of it was scanned."""
-        return self.runner_up_ratio > AMBIGUOUS_RATIO or self.sigma_deg > 0.5
+        return bool(self.runner_up_ratio > AMBIGUOUS_RATIO or self.sigma_deg > 0.5)
 
     @property
     def certainty(self) -> float:
         """From 0 to 1: the share that fits, less where another pose fits as well."""
         rival = max(self.runner_up_ratio - 0.5, 0.0) * 2
-        return round(self.fit_ratio * (1 - 0.5 * min(rival, 1.0)), 4)
+        return round(float(self.fit_ratio * (1 - 0.5 * min(rival, 1.0))), 4)
 
     def apply(self, points: Floats) -> Floats:
         """Move points of the scan onto the target, shape (n, 3)."""

@@ -32,7 +32,7 @@ from vega_planner.toolpaths.contour import contour_lines
 from vega_planner.toolpaths.isolines import AXIS, CELL, NORMAL, POSITION, THICKNESS, Line
 from vega_planner.toolpaths.linking import Pass, link_lines, link_loops
 from vega_planner.toolpaths.planar import concentric_lines, is_flat, parallel_lines
-from vega_planner.toolpaths.polyline_kernels import resample
+from vega_planner.toolpaths.polyline_kernels import line_length, resample
 from vega_planner.toolpaths.rim import Ground, ground_of
 from vega_planner.toolpaths.smoothing_kernels import smooth_axes, without_crowding
 from vega_planner.toolpaths.spiral import spiral_passes
@@ -50,6 +50,9 @@ CHORD_MM, STEP_MM, TURN_DEG = 0.008, 1.0, 3.0
 #: Points of a line that are nearer than this are one; the nozzle's direction is averaged
 #: along the pass with this standard deviation.
 CROWDED_MM, CALM_MM = 0.03, 1.0
+
+#: Shorter passes are left out: nothing flows in the time they take.
+SHORTEST_MM = 0.3
 
 #: The seam, where loops start, moves on by this from one patch to the next but one, so
 #: that seams do not pile up and the way to the next start stays short.
@@ -211,7 +214,7 @@ def patch_passes(
     thinned = [
         Pass(resample(_calm(item), CHORD_MM, STEP_MM, cosine), item.closed)
         for item in found
-        if len(item.rows) >= 2
+        if len(item.rows) >= 2 and line_length(item.rows, False) >= SHORTEST_MM
     ]
     return (thinned if euclidean else _balanced(thinned, patch, flow, settings)), nested
 

@@ -70,8 +70,13 @@ def smooth_axes(rows, first, sigma, closed):
         half = 0.5 * (sums[i + 1] - sums[i])
         share[i] += half
         share[i + 1] += half
+    if closed:  # both copies of the seam stand for the length on both its sides
+        share[0] += share[n - 1]
+        share[n - 1] = share[0]
     total = sums[n - 1]
     out = rows.copy()
+    if total < 1e-6:  # all in one place: there is no way to go round
+        return out
     for i in range(n):
         x = y = z = 0.0
         for way in range(2):
