@@ -89,8 +89,7 @@ def main() -> int:
                     [slicer, *SLICER.split(), "-o", f"{folder}/a.gcode", str(stl)]
                 )
                 row["plan / prusa-slicer"] = round(
-                    row["plan"]["seconds"] / row["prusa-slicer"]["seconds"],
-                    2,  # type: ignore[index]
+                    row["plan"]["seconds"] / row["prusa-slicer"]["seconds"], 2
                 )
             result[name] = row
     result["cores"] = len(os.sched_getaffinity(0))
