@@ -26,6 +26,7 @@ import numpy as np
 
 from vega_planner.errors import DriverError, InvalidInput, VegaError
 from vega_robot_driver.checkpoint import CheckpointWriter
+from vega_robot_driver.curve import Curve
 from vega_robot_driver.executor import STATES
 from vega_robot_driver.job import PrintJob
 from vega_robot_driver.link import RequestServer
@@ -119,15 +120,10 @@ class RealTimeLoop:
         return time.monotonic()  # the missed cycles are not made up for
 
     def _warm_up(self) -> None:
-        """Load the kernels before the first client comes."""
-        from vega_robot_driver import kernels
-
-        n = len(self._machine.joint_names)
-        times, rows = np.array([0.0, 1.0]), np.zeros((2, n))
-        out, gate = np.zeros((1, n)), np.zeros(1, np.bool_)
-        path = (times, rows, rows, np.zeros((0, 2)), np.zeros(5))
-        kernels.follow(*path, 0.0, 0.1, True, 0.1, 0.1, out, out.copy(), gate)
-        self._executor.dispenser.follow(gate, 0.1)
+        """Do once what is slow the first time."""
+        executor = self._executor
+        Curve(np.arange(2.0), *np.zeros((2, 2, 1)))(np.zeros(1))
+        executor.dispenser.follow(np.zeros(1, np.bool_), executor.motion.dt)
 
     # -- client -------------------------------------------------------------------------
 

@@ -32,11 +32,13 @@ class Feedback:
         positions: Joint positions [m, rad], shape (j,).
         velocities: Joint velocities [m/s, rad/s], shape (j,).
         fault: Why the machine must stop, or empty.
+        cycles: Cycles that took place before the fault; None where all did.
     """
 
     positions: Floats
     velocities: Floats
     fault: str = ""
+    cycles: int | None = None
 
 
 @dataclass

@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import struct
 import time
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -237,7 +238,7 @@ class EthercatMotion(MotionController):
     def exchange(self, targets: Floats, speeds: Floats, gate: Bools) -> Feedback:
         """Send targets cycle by cycle; stops at the first wrong one."""
         axes = self._config.axes
-        for row, on in zip(targets, gate, strict=True):
+        for number, (row, on) in enumerate(zip(targets, gate, strict=True)):
             if self._enabled:
                 self._target = [
                     axis.increments(value) for axis, value in zip(axes, row, strict=True)
@@ -248,7 +249,7 @@ class EthercatMotion(MotionController):
             feedback = self._checked_cycle()
             if feedback.fault:
                 self._gate = False
-                return feedback
+                return replace(feedback, cycles=number)
         return feedback
 
     def stop_quickly(self) -> Feedback:
