@@ -24,7 +24,10 @@ from vega_robot_driver.job import PrintJob
 from vega_robot_driver.motion.base import MotionController
 
 #: States of the machine, in the order of their numbers on the status page.
-STATES = ("off", "idle", "printing", "pausing", "paused", "stopping", "stopped", "done", "fault")
+STATES = (
+    "off", "idle", "printing", "pausing", "paused", "stopping", "stopped", "done", "fault",
+    "homing",
+)  # fmt: skip
 
 #: Largest distance between the axes and the path's first point at the start [m, rad].
 START_TOLERANCE = 2e-3
@@ -107,7 +110,7 @@ class Executor:
         Raises:
             Busy: If they move.
         """
-        if self.moving:
+        if self.moving or self.state == "homing":
             raise Busy("the axes move; stop first")
         self.motion.disable()
         if self.state != "fault":
@@ -140,8 +143,10 @@ class Executor:
         """
         if self.moving or self.state in ("printing", "pausing", "paused", "stopping"):
             raise Busy(f"job {self.digest[:12]} is {self.state}")
-        if self.state in ("off", "fault"):
+        if self.state in ("off", "fault", "homing"):
             raise Refused(f"the machine is {self.state} {self.detail}".rstrip())
+        if not self.motion.homed:
+            raise Refused("the axes are not homed: they do not know where they are")
         path = Curve(job.times, job.positions, job.velocities)
         path = path.from_time(max(start_u - overlap_s, 0.0))
         route = [self.positions, *(() if waypoints is None else waypoints), path.positions[0]]
@@ -201,6 +206,22 @@ class Executor:
             self.state, self.detail = "stopping", reason
         elif self.state == "paused":
             self.state, self.detail = "stopped", reason
+        elif self.state == "homing":
+            self.fail(reason)
+
+    def home(self) -> None:
+        """Home the axes that have no absolute encoder.
+
+        Raises:
+            Busy: If a job runs.
+        """
+        if self.moving or self.state in ("printing", "pausing", "paused", "stopping", "homing"):
+            raise Busy(f"cannot home; the machine is {self.state}")
+        if self.state == "fault":
+            raise Refused(f"cannot home; the machine is in its fault state: {self.detail}")
+        self.motion.home()
+        if self.motion.homing:
+            self.state, self.detail, self._follower = "homing", "", None
 
     def fail(self, reason: str) -> None:
         """Latch a fault: all axes stop quickly, the dispenser is off."""
@@ -221,6 +242,8 @@ class Executor:
         gate = np.zeros(cycles, np.bool_)
         if self.state == "fault":
             self._fault_cycles(cycles)
+        elif self.state == "homing":
+            self._home_cycles(cycles)
         elif self.state == "off":
             feedback = self.motion.exchange(
                 np.tile(self.positions, (cycles, 1)), np.zeros((cycles, len(self.positions))), gate
@@ -250,6 +273,12 @@ class Executor:
             self._take_back(asked, 0, before)
             self._fault_cycles(cycles)
             return gate
+        if self.dispenser.fault:
+            self.fail(self.dispenser.fault)
+            gate[:] = False
+            self._take_back(asked, 0, before)
+            self._fault_cycles(cycles)
+            return gate
         feedback = self.motion.exchange(asked.targets, asked.speeds, gate)
         self.targets = asked.targets[-1].copy()
         self.positions = feedback.positions
@@ -261,6 +290,14 @@ class Executor:
         elif self._follower is not None:
             self._reached(self._follower)
         return gate
+
+    def _home_cycles(self, cycles: int) -> None:
+        feedback = self.motion.home_cycles(cycles)
+        self.positions, self.targets = feedback.positions, feedback.positions.copy()
+        if feedback.fault:
+            self.fail(feedback.fault)
+        elif not self.motion.homing:
+            self.state = "idle"
 
     def _reached(self, follower: Follower) -> None:
         if self.state not in ("printing", "pausing", "paused", "stopping"):
