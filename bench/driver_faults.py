@@ -16,7 +16,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -68,10 +68,11 @@ def direct(folder: Path) -> tuple[Executor, DirectDrives]:
     return executor, drives
 
 
-def injected() -> dict[str, dict[str, Any]]:
-    """Let each fault of the line happen in the middle of a bead."""
+def injected(names: Iterable[str] = INJECTED) -> dict[str, dict[str, Any]]:
+    """Let faults of the line happen in the middle of a bead."""
     table = {}
-    for name, fault in INJECTED.items():
+    for name in names:
+        fault = INJECTED[name]
         with tempfile.TemporaryDirectory() as folder:
             executor, drives = direct(Path(folder))
         executor.load(beads(1, 40e-3))
