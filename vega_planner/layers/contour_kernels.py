@@ -370,13 +370,17 @@ def place(
 
 
 @njit(nogil=True, cache=True)
-def nearest_of_cell(tri, corner, ring_start, ring, slot, cell, corner_step, x, y, z, hint):
-    """Find the nearest triangle to a point by walking from those of its cell's corners.
+def nearest_about(tri, corner, ring_start, ring, slot, origin, h, corner_step, x, y, z, hint):
+    """Find the nearest triangle to a point by walking from those of the nodes around it.
 
     Returns:
         Slot and squared distance, and the nearest point.
     """
     best, least, fx, fy, fz = walk(tri, corner, ring_start, ring, hint, x, y, z)
+    cell = 0
+    for axis in range(3):
+        w = x if axis == 0 else (y if axis == 1 else z)
+        cell += int((w - origin[axis]) / h) * corner_step[1 << axis]
     for c in range(8):
         s = slot[cell + corner_step[c]]
         if s < 0 or s == hint or s == best:
@@ -396,7 +400,7 @@ def nearest_of_cell(tri, corner, ring_start, ring, slot, cell, corner_step, x, y
 
 @njit(nogil=True, cache=True)
 def settle(
-    tri, corner, ring_start, ring, brr_tri, brr_box, h, r, slot, cell, corner_step, hint, rim, v,
+    tri, corner, ring_start, ring, brr_tri, brr_box, origin, h, r, slot, corner_step, hint, rim, v,
     stack, lower,
 ):  # fmt: skip
     """Check a vertex against all sheets about, and put a rim vertex on the region."""
@@ -407,8 +411,8 @@ def settle(
             v[0], v[1], v[2] = fx, fy, fz
     s = hint
     for _ in range(3):
-        s, d2, fx, fy, fz = nearest_of_cell(
-            tri, corner, ring_start, ring, slot, cell, corner_step, v[0], v[1], v[2], s
+        s, d2, fx, fy, fz = nearest_about(
+            tri, corner, ring_start, ring, slot, origin, h, corner_step, v[0], v[1], v[2], s
         )
         e = np.sqrt(d2)
         if rim or abs(e - r) < 2e-3 or e < 1e-9:
@@ -596,8 +600,8 @@ def make_vertices(
                             # Where another sheet is about, make sure that it is not nearer.
                             if least < 0.9:
                                 hint = settle(
-                                    tri, corner, ring_start, ring, brr_tri, brr_box, h, r,
-                                    slot, n, corner_step, hint, False, v, stack, lower,
+                                    tri, corner, ring_start, ring, brr_tri, brr_box, origin, h, r,
+                                    slot, corner_step, hint, False, v, stack, lower,
                                 )  # fmt: skip
                         else:
                             wall_count = 0
@@ -624,8 +628,8 @@ def make_vertices(
                                 sheets, normals, limits, kinds, walls, wall_count, h, r, v, stack, lower,
                             )  # fmt: skip
                             hint = settle(
-                                tri, corner, ring_start, ring, brr_tri, brr_box, h, r,
-                                slot, n, corner_step, hint, beyond > 0, v, stack, lower,
+                                tri, corner, ring_start, ring, brr_tri, brr_box, origin, h, r,
+                                slot, corner_step, hint, beyond > 0, v, stack, lower,
                             )  # fmt: skip
                         position[vertex, 0] = v[0]
                         position[vertex, 1] = v[1]
