@@ -784,3 +784,53 @@ def split_quads(
         else:
             faces[2 * q] = (a, b, e)
             faces[2 * q + 1] = (b, c, e)
+
+
+@njit(nogil=True, cache=True)
+def count_by_level(position, vertex_level, faces, used, vertex_start, face_start):
+    """Count the vertices and faces of each level, and leave out faces without an area.
+
+    A face with two corners at one place gets -1 as its first corner; `used` marks the
+    vertices of the others. The starts become running sums, level + 1 ending at start.
+    """
+    for f in range(len(faces)):
+        same = False
+        for e in range(3):
+            a, b = faces[f, e], faces[f, (e + 1) % 3]
+            same |= (
+                position[a, 0] == position[b, 0]
+                and position[a, 1] == position[b, 1]
+                and position[a, 2] == position[b, 2]
+            )
+        if same:
+            faces[f, 0] = -1
+            continue
+        for e in range(3):
+            used[faces[f, e]] = 1
+        face_start[vertex_level[faces[f, 0]] + 1] += 1
+    for v in range(len(used)):
+        if used[v]:
+            vertex_start[vertex_level[v] + 1] += 1
+    for lev in range(len(face_start) - 1):
+        face_start[lev + 1] += face_start[lev]
+        vertex_start[lev + 1] += vertex_start[lev]
+
+
+@njit(nogil=True, cache=True)
+def sort_by_level(vertex_level, faces, used, vertex_start, face_start, rows, sorted_faces):
+    """List the vertices level by level, and the faces with their numbers in that level."""
+    fill = vertex_start.copy()
+    number = np.zeros(len(used), np.int32)
+    for v in range(len(used)):
+        if used[v]:
+            lev = vertex_level[v]
+            rows[fill[lev]] = v
+            number[v] = fill[lev] - vertex_start[lev]
+            fill[lev] += 1
+    fill = face_start.copy()
+    for f in range(len(faces)):
+        if faces[f, 0] >= 0:
+            lev = vertex_level[faces[f, 0]]
+            for e in range(3):
+                sorted_faces[fill[lev], e] = number[faces[f, e]]
+            fill[lev] += 1
