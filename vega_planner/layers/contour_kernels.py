@@ -383,7 +383,7 @@ def nearest_about(tri, corner, ring_start, ring, slot, origin, h, corner_step, x
         cell += int((w - origin[axis]) / h) * corner_step[1 << axis]
     for c in range(8):
         s = slot[cell + corner_step[c]]
-        if s < 0 or s == hint or s == best:
+        if s < 0 or s in (hint, best):
             continue
         again = False
         for e in range(c):
