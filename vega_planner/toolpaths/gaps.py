@@ -91,9 +91,7 @@ def distances_to_lines(points: Floats, lines: list[Line], limit: float) -> Float
     return distance_to_segments(points, a, b, begin, items, low, limit, shape)
 
 
-def middle_of(
-    loop: Line, level: int, spacing: float, shortest: float = _SHORTEST
-) -> Line | None:
+def middle_of(loop: Line, level: int, spacing: float, shortest: float = _SHORTEST) -> Line | None:
     """Make the line between the two sides of a thin loop; None where it is too short."""
     rows = middle_line(loop.rows)
     rows[:, AXIS] /= np.linalg.norm(rows[:, AXIS], axis=1, keepdims=True)

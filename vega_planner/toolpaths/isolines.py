@@ -97,7 +97,9 @@ def cornered(lines: list[Line], spacing: float) -> list[Line]:
         spacing: Distance between them [mm].
     """
     return [
-        replace(line, rows=with_corners(line.rows, NORMAL.start, spacing, _WIDEST * spacing, _SHARP))
+        replace(
+            line, rows=with_corners(line.rows, NORMAL.start, spacing, _WIDEST * spacing, _SHARP)
+        )
         if line.closed
         else line
         for line in lines
