@@ -111,12 +111,12 @@ def quality(
     }
 
 
-def timed(work, runs: int = RUNS) -> tuple[float, float]:
+def timed(runs: int, work, *given) -> tuple[float, float]:
     """Least CPU seconds and wall seconds of some runs."""
     rows = []
     for _ in range(runs):
         wall, cpu = time.perf_counter(), time.process_time()
-        work()
+        work(*given)
         rows.append((time.process_time() - cpu, time.perf_counter() - wall))
     return min(row[0] for row in rows), min(row[1] for row in rows)
 
@@ -148,7 +148,7 @@ def against_toppra(toolpaths: ToolpathSet, cell: Workcell, speed: float) -> dict
 
 
 def against_toppra_on_waves() -> float:
-    """Largest difference of the duration on smooth paths bound by speed, by both, by joints [%]."""
+    """Largest difference of the duration [%], on smooth paths bound by joints and by speed."""
     law = load("time_law_oracle", TESTS / "trajectory" / "test_time_law.py")
     worst = 0.0
     velocity, acceleration = np.full(5, 3.0), np.full(5, 20.0)
@@ -188,8 +188,8 @@ def main() -> None:
             trajectory = make_trajectory(toolpaths, cell, settings)
             row = quality(trajectory, toolpaths, cell, speed)
             runs = RUNS if robot == "vega5" else 2
-            laid = timed(lambda: lay_toolpaths(patches, stack, cell, laying), runs)
-            moved = timed(lambda: make_trajectory(toolpaths, cell, settings), runs)
+            laid = timed(runs, lay_toolpaths, patches, stack, cell, laying)
+            moved = timed(runs, make_trajectory, toolpaths, cell, settings)
             row |= {
                 "paths_cpu_s": laid[0],
                 "trajectory_cpu_s": moved[0],
