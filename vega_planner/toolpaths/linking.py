@@ -12,6 +12,11 @@ from vega_planner.toolpaths.isolines import POSITION, Line
 from vega_planner.toolpaths.polyline_kernels import line_length, nearest_on, unroll
 
 
+#: Descent from one line to the next, over the longest link, from which on a pass would
+#: print a wall from its top down.
+DOWNHILL_RATIO = 0.1
+
+
 @dataclass(frozen=True, eq=False)
 class Pass:
     """Lines joined into one deposition.
@@ -106,6 +111,8 @@ def _nearest(
             break
         if other.level < line.level - 1 or other.component != line.component:
             continue
+        if other.level < line.level and _is_below(other, line, longest):
+            continue
         if other.closed:
             distance, segment, place = nearest_on(other.rows, True, row)
         else:
@@ -113,6 +120,12 @@ def _nearest(
         if distance < best:
             best, found = distance, (n, int(segment), float(place))
     return found
+
+
+def _is_below(line: Line, other: Line, longest: float) -> bool:
+    """Tell whether a line lies lower than another: walls are not printed downwards."""
+    drop = other.rows[:, POSITION.start + 2].mean() - line.rows[:, POSITION.start + 2].mean()
+    return bool(drop > DOWNHILL_RATIO * longest)
 
 
 def _nearest_end(rows: Floats, row: Floats) -> tuple[float, int, float]:
