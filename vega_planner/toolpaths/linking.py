@@ -12,9 +12,10 @@ from vega_planner.toolpaths.isolines import POSITION, Line
 from vega_planner.toolpaths.polyline_kernels import line_length, nearest_on, unroll
 
 
-#: Descent from one line to the next, over the longest link, from which on a pass would
-#: print a wall from its top down.
-DOWNHILL_RATIO = 0.1
+#: Rise from one line to the next, over the longest link, from which on a pass climbs or
+#: descends. It does not do both: one that descends is turned round, so that walls are
+#: printed upwards.
+LEVEL_RATIO = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +77,7 @@ def _walk(line: Line, start: int, waiting: list[Line], spacing: float, longest: 
     if not line.closed:
         forward = start < len(line.rows) / 2
     pieces: list[Floats] = []
+    trend = 0
     while True:
         if line.closed:
             # no link fills the slot at the very first loop: it is left narrower
@@ -83,7 +85,7 @@ def _walk(line: Line, start: int, waiting: list[Line], spacing: float, longest: 
             rows = unroll(line.rows, segment, place, forward, gap)
         else:
             rows = line.rows if forward else line.rows[::-1]
-        found = _nearest(rows[-1], line, waiting, longest)
+        found = _nearest(rows[-1], line, waiting, longest, trend)
         if found is None:
             if line.closed:
                 rows = unroll(line.rows, segment, place, forward, 0.0)
@@ -93,6 +95,7 @@ def _walk(line: Line, start: int, waiting: list[Line], spacing: float, longest: 
         n, segment, place = found
         before = line
         line = waiting.pop(n)
+        trend = trend or _slope(before, line, longest)
         if line.closed:
             forward = not forward if before.closed else forward
         else:
@@ -102,7 +105,7 @@ def _walk(line: Line, start: int, waiting: list[Line], spacing: float, longest: 
 
 
 def _nearest(
-    row: Floats, line: Line, waiting: list[Line], longest: float
+    row: Floats, line: Line, waiting: list[Line], longest: float, trend: int
 ) -> tuple[int, int, float] | None:
     """Find the line to go on with: its index, and where it is to be entered."""
     best, found = longest, None
@@ -111,7 +114,7 @@ def _nearest(
             break
         if other.level < line.level - 1 or other.component != line.component:
             continue
-        if other.level < line.level and _is_below(other, line, longest):
+        if trend * _slope(line, other, longest) < 0:
             continue
         if other.closed:
             distance, segment, place = nearest_on(other.rows, True, row)
@@ -122,10 +125,11 @@ def _nearest(
     return found
 
 
-def _is_below(line: Line, other: Line, longest: float) -> bool:
-    """Tell whether a line lies lower than another: walls are not printed downwards."""
-    drop = other.rows[:, POSITION.start + 2].mean() - line.rows[:, POSITION.start + 2].mean()
-    return bool(drop > DOWNHILL_RATIO * longest)
+def _slope(line: Line, other: Line, longest: float) -> int:
+    """Tell whether a line lies higher (1) or lower (-1) than the one before, or about level."""
+    z = POSITION.start + 2
+    rise = float(other.rows[:, z].mean() - line.rows[:, z].mean())
+    return int(np.sign(rise)) if abs(rise) > LEVEL_RATIO * longest else 0
 
 
 def _nearest_end(rows: Floats, row: Floats) -> tuple[float, int, float]:
