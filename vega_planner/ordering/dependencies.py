@@ -15,6 +15,11 @@ from vega_planner.printability.tool_kernels import tool_hits
 from vega_planner.printability.tool_shape import STEP_MM, ToolShape
 
 
+#: Upward share of the normal below which a surface is a wall, and how far up its foot
+#: reaches, in layer thicknesses.
+WALL_RISE, FOOT_LAYERS = 0.5, 2.0
+
+
 @dataclass(frozen=True, eq=False)
 class Support:
     """What lies under the patches.
@@ -56,11 +61,23 @@ def find_support(
     gap = surroundings.distance(below)
     grounded |= gap <= 0.75 * samples.thickness + 0.5 * surroundings.spacing
     own = under == samples.patch
+    own |= _stands(samples, count, grounded | ((under >= 0) & ~own))
     share = np.zeros((count, count))
     good = (under >= 0) & ~own
     np.add.at(share, (under[good], samples.patch[good]), 1.0)
     share /= np.maximum(np.bincount(samples.patch, minlength=count), 1)
     return Support(share, grounded, ~grounded & ~good & ~own)
+
+
+def _stands(samples: Samples, count: int, held: Bools) -> Bools:
+    """Mark the samples of walls whose foot is held: there each bead stands on the last."""
+    wall = np.abs(samples.normals[:, 2]) < WALL_RISE
+    low = np.full(count, np.inf)
+    np.minimum.at(low, samples.patch, samples.points[:, 2])
+    foot = samples.points[:, 2] < low[samples.patch] + FOOT_LAYERS * samples.thickness
+    feet = np.bincount(samples.patch[foot], minlength=count)
+    firm = np.bincount(samples.patch[foot & held], minlength=count) > 0.5 * feet
+    return wall & firm[samples.patch]
 
 
 def find_blocking(

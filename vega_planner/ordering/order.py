@@ -434,8 +434,9 @@ def _cleared(
 
     gap = clearance(np.arange(len(patch.vertices)), patch.vertices, patch.tool_axes)
     limit = plate_tilt_limit(
-        patch.vertices, patch.vertex_normals, patch.thickness, tool, task.cell, wanted
-    )
+        patch.vertices, patch.vertex_normals, patch.thickness, tool, task.cell, wanted,
+        None if task.assessment is None else task.assessment.width_mm,
+    )  # fmt: skip
     tilt = tilt_of(patch.tool_axes)
     hit = (gap < wanted) | (tilt > limit + 1e-6)
     if not hit.any() or settings.orientation != "collision-free":

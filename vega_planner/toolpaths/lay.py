@@ -58,6 +58,9 @@ SHORTEST_MM = 0.3
 #: that seams do not pile up and the way to the next start stays short.
 _SEAM_TURN_DEG = 25.0
 
+#: A pass that rises by more than this from one end to the other is printed upwards [mm].
+_CLIMB_MM = 1.5
+
 #: The flow of a patch is changed by at most this part to get its volume right.
 _MOST_BALANCE = 0.03
 
@@ -272,6 +275,10 @@ def _in_order(
                 n = int(np.argmin(np.minimum(heads, tails)))
                 backwards = tails[n] < heads[n]
             item = waiting.pop(n)
+            rise = float(item.rows[-1, POSITION][2] - item.rows[0, POSITION][2])
+            if abs(rise) > _CLIMB_MM:
+                # the nozzle stands steep beside a wall: upwards, it stays above what is there
+                backwards = rise < 0
             rows = item.rows[::-1] if backwards else item.rows
             paths.append(_toolpath(rows, item.closed, index, patches[index].layer, settings))
             at = rows[-1, POSITION]
