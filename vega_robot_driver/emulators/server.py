@@ -11,6 +11,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import random
 import select
 import socket
 import sys
@@ -18,9 +19,12 @@ import time
 from pathlib import Path
 from typing import Any
 
-from vega_robot_driver.emulators.cia402_drive import Axis, Cia402Drive
+from vega_robot_driver.emulators.axis import Axis, Forces
+from vega_robot_driver.emulators.cia402_drive import Cia402Drive
+from vega_robot_driver.emulators.faults import inject
 from vega_robot_driver.emulators.segment import Segment
 from vega_robot_driver.emulators.slave_controller import SlaveController
+from vega_robot_driver.emulators.witness import Witness
 from vega_robot_driver.motion.bus_config import BusConfig, read_bus_config
 
 _ETHERTYPE = 0x88A4
@@ -35,11 +39,16 @@ def build_segment(config: BusConfig) -> Segment:
     slaves = []
     for axis in config.axes:
         low, high = sorted((axis.increments(axis.lower), axis.increments(axis.upper)))
+        at = float(min(max(axis.increments(0.0), low), high))
         model = Axis(
             travel=(low - 10.0, high + 10.0),
             speed_limit=abs(axis.scale) * axis.velocity * 1.5,
             acceleration_limit=abs(axis.scale) * axis.velocity * 100.0,
-            position=float(min(max(axis.increments(0.0), low), high)),
+            position=at,
+            absolute=axis.homing is None,
+            origin=0 if axis.homing is None else -round(at),
+            forces=Forces(scale=axis.scale, **axis.emulated) if axis.emulated else None,
+            chance=random.Random(axis.serial),
         )
         identity = (axis.vendor, axis.product, 0x00010000, axis.serial)
         slaves.append(SlaveController(Cia402Drive(model, identity), f"EMU-{axis.joint}"))
@@ -58,7 +67,7 @@ class Server:
         self._wire.setblocking(False)
         self._commands = socket.socket(fileno=commands)
         self._now = 0.0 if cycle else time.monotonic()
-        self._on_at_standstill = 0
+        self._witness = Witness(segment)
 
     def run(self) -> None:
         """Serve until the master's process is long gone."""
@@ -99,10 +108,7 @@ class Server:
     def _pass_time(self, dt: float) -> None:
         self._now += dt
         self._segment.tick(self._now, min(dt, 0.05))
-        drives = [slave.drive for slave in self._segment.slaves]
-        on = any(drive.objects.entry(0x60FE, 1).value for drive in drives)
-        moving = any(abs(drive.axis.speed) >= 1.0 for drive in drives)
-        self._on_at_standstill += on and not moving
+        self._witness.look(self._now)
 
     def _obey(self) -> bool:
         data = self._commands.recv(4096)
@@ -110,24 +116,17 @@ class Server:
             return False
         message: dict[str, Any] = json.loads(data)
         kind, number = message["fault"], int(message.get("number", 0))
-        if kind in ("jam", "torque_off", "drive_fault"):
-            drive = self._segment.slaves[number].drive
-            if kind == "jam":
-                drive.axis.jammed = True
-            elif kind == "torque_off":
-                drive.torque_off = True
-            else:
-                drive.fault(0x7300)
-        elif kind == "unplug":
-            self._segment.plugged = number
-        elif kind == "lose_frames":
-            self._segment.frames_to_lose = number
-        elif kind == "wrong_counters":
-            self._segment.counters_to_falsify = number
-        elif kind == "none":
-            self._segment.plugged = 99
-            for slave in self._segment.slaves:
-                slave.drive.axis.jammed = slave.drive.torque_off = False
+        if kind == "silence":  # milliseconds without a frame, in simulated time
+            for _ in range(number):
+                self._pass_time(0.001)
+        elif kind == "trace":
+            self._witness.keep(Path(message["path"]) if message.get("path") else None)
+        else:
+            inject(self._segment, kind, number)
+            if kind != "none":
+                self._witness.mark(self._now)
+        self._show()
+        self._commands.send(b"{}")
         return True
 
     def _show(self) -> None:
@@ -135,7 +134,7 @@ class Server:
         shown = {
             "time": self._now,
             "cycles": self._segment.cycles,
-            "on_at_standstill": self._on_at_standstill,
+            **self._witness.told(),
             "drives": [
                 {
                     "bus_state": slave.state,
@@ -144,6 +143,7 @@ class Server:
                     "speed": drive.axis.speed,
                     "outputs": drive.objects.entry(0x60FE, 1).value,
                     "error": drive.objects[0x603F],
+                    "largest_change": drive.largest_change,
                 }
                 for slave, drive in zip(self._segment.slaves, drives, strict=True)
             ],

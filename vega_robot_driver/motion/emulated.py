@@ -15,6 +15,7 @@ import sys
 from pathlib import Path
 
 from vega_planner.errors import DriverError, InvalidInput
+from vega_robot_driver.emulators.faults import FAULTS
 from vega_robot_driver.motion.bus_config import BusConfig
 from vega_robot_driver.motion.ethercat import EthercatMotion
 
@@ -33,13 +34,23 @@ class EmulatedMotion(EthercatMotion):
         status: File into which the drives write what they do.
         dt: Cycle time [s].
         by_frames: Whether each frame is a cycle of simulated time; else the clock runs.
+        memory: As of `EthercatMotion`.
     """
 
     def __init__(
-        self, config: BusConfig, config_path: str, status: Path, *, dt: float, by_frames: bool
+        self,
+        config: BusConfig,
+        config_path: str,
+        status: Path,
+        *,
+        dt: float,
+        by_frames: bool,
+        memory: Path | None = None,
     ) -> None:
         timeout = TIMEOUT_US if by_frames else 10_000
-        super().__init__(config, MASTER_END, dt=dt, timeout_us=timeout, batched=by_frames)
+        super().__init__(
+            config, MASTER_END, dt=dt, timeout_us=timeout, batched=by_frames, memory=memory
+        )
         self._path, self._status = config_path, status
         self._cycle = dt if by_frames else 0.0
         self._drives: subprocess.Popen | None = None
@@ -86,21 +97,16 @@ class EmulatedMotion(EthercatMotion):
             InvalidInput: If it is not one of the faults.
         """
         kind, _, number = fault.partition(" ")
-        kinds = (
-            "jam",
-            "torque_off",
-            "drive_fault",
-            "unplug",
-            "lose_frames",
-            "wrong_counters",
-            "none",
-        )
-        if kind not in kinds or not (number or "0").isdigit():
-            raise InvalidInput(f"fault '{fault}'; choices: {', '.join(kinds)}, and a number")
+        if kind not in FAULTS or not (number or "0").isdigit():
+            raise InvalidInput(f"fault '{fault}'; choices: {', '.join(FAULTS)}, and a number")
+        self.tell(fault=kind, number=int(number or 0))
+
+    def tell(self, **message: object) -> None:
+        """Tell the drives' process something, and wait until it is done."""
         if self._commands is not None:
             with contextlib.suppress(OSError):
-                message = {"fault": kind, "number": int(number or 0)}
                 self._commands.send(json.dumps(message).encode())
+                self._commands.recv(64)
 
 
 def _run(*command: str) -> None:
