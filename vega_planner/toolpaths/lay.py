@@ -30,7 +30,7 @@ from vega_planner.toolpaths.bead import (
 )
 from vega_planner.toolpaths.contour import contour_lines
 from vega_planner.toolpaths.isolines import AXIS, CELL, NORMAL, POSITION, THICKNESS, Line
-from vega_planner.toolpaths.linking import Pass, link_lines, link_loops
+from vega_planner.toolpaths.linking import Pass, attach_lines, link_lines, link_loops
 from vega_planner.toolpaths.planar import concentric_lines, is_flat, parallel_lines
 from vega_planner.toolpaths.polyline_kernels import line_length, resample
 from vega_planner.toolpaths.rim import Ground, ground_of
@@ -38,6 +38,7 @@ from vega_planner.toolpaths.smoothing_kernels import smooth_axes, without_crowdi
 from vega_planner.toolpaths.spiral import spiral_passes
 from vega_planner.toolpaths.surface import connect
 from vega_planner.toolpaths.travel import TravelPlanner
+from vega_planner.toolpaths.wedges import wedge_lines
 from vega_planner.toolpaths.zigzag import zigzag_lines
 
 if TYPE_CHECKING:
@@ -53,6 +54,9 @@ CROWDED_MM, CALM_MM = 0.03, 1.0
 
 #: Shorter passes are left out: nothing flows in the time they take.
 SHORTEST_MM = 0.3
+
+#: A line in a wedge that no pass ends near is laid if it is this long, in spacings.
+_ALONE = 0.9
 
 #: The seam, where loops start, moves on by this from one patch to the next but one, so
 #: that seams do not pile up and the way to the next start stays short.
@@ -199,12 +203,16 @@ def patch_passes(
         angle = settings.angle_deg + 90.0 * (patch.layer % 2)
         if flat:
             loops, lines, guides = parallel_lines(surface, patch, spacing, angle)
+            lines = [_scaled(line, flow) for line in lines]
+            found = link_lines(loops, lines, guides, spacing, longest, toward)
         else:
-            loops, lines, guides = zigzag_lines(
-                surface, patch, spacing, angle, ground=ground, euclidean=euclidean
-            )
-        lines = [_scaled(line, flow) for line in lines]
-        found = link_lines(loops, lines, guides, spacing, longest, toward)
+            laid = zigzag_lines(surface, patch, spacing, angle, ground=ground, euclidean=euclidean)
+            lines = [_scaled(line, flow) for line in laid.lines]
+            found = link_lines(laid.loops, lines, laid.guides, spacing, longest, toward)
+            if laid.lines and not euclidean:
+                wedges = wedge_lines(laid.loops, found, patch.vertices, laid.values, spacing)
+                wedges = [_scaled(line, flow) for line in wedges]
+                found = attach_lines(found, wedges, longest, _ALONE * spacing)
     else:
         lines, used = contour_lines(surface, patch, spacing, ground=ground, euclidean=euclidean)
         lines = [_scaled(line, flow) for line in lines]
