@@ -9,8 +9,8 @@ along the pass.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,9 +23,11 @@ from vega_planner.printability.collisions import (
 )
 from vega_planner.printability.leave_out import leave_out
 from vega_planner.printability.reroute import reroute
+from vega_planner.printability.resequence import in_bands, joined
 from vega_planner.printability.turning import arc_length, turned_clear
 from vega_planner.progress import Progress, Report
 from vega_planner.settings import PrintabilitySettings
+from vega_planner.toolpaths.lay import plan_moves
 
 if TYPE_CHECKING:
     from vega_planner.robot.workcell import Workcell
@@ -70,31 +72,81 @@ def resolve_collisions(
         return check_toolpaths(paths, patches, stack, cell, settings, report)
 
     check = checked(toolpaths)
-    if settings.orientation != "collision-free":
+    if settings.orientation != "collision-free" or not check.colliding:
         return toolpaths, check
+    task = _Task(stack, cell, settings, report, checked)
+    best = _without_rest(task, *_settled(task, toolpaths, check))
+    ranges: list[tuple[int, int]] = []
+    for last in (False, False, True):
+        if not best[1].colliding:
+            break
+        # what stands in the way of each other is printed in common bands of height
+        around = Surroundings(best[0], stack, cell)
+        pairs = around.hit_patches(best[0], best[1])
+        wider = [(0, len(patches) - 1)] if last else joined({*pairs, *ranges})
+        if wider == ranges or not pairs:
+            continue
+        ranges = wider
+        other = _without_rest(task, *_settled(task, *_banded(task, toolpaths, ranges)))
+        if other[1].colliding < best[1].colliding:
+            best = other
+    return best
+
+
+@dataclass(frozen=True)
+class _Task:
+    """What stays the same while ways are tried."""
+
+    stack: LayerStack
+    cell: Workcell
+    settings: PrintabilitySettings
+    report: Report
+    checked: Callable[[ToolpathSet], CollisionCheck]
+
+
+def _settled(
+    task: _Task, toolpaths: ToolpathSet, check: CollisionCheck
+) -> tuple[ToolpathSet, CollisionCheck]:
+    """Turn the nozzle and find other moves, as long as that helps."""
     for _ in range(ROUNDS):
         if not 0 < check.colliding <= HOPELESS_SHARE * check.checked:
             break
-        turned = _turned(toolpaths, check, stack, cell, settings, report)
-        again = checked(turned)
+        turned = _turned(toolpaths, check, task.stack, task.cell, task.settings, task.report)
+        again = task.checked(turned)
         if again.colliding >= check.colliding:
             break
         toolpaths, check = turned, again
     travels = np.array(list(check.of_travels()), np.int64)
     if len(travels):
-        around = Surroundings(toolpaths, stack, cell)
-        moved = reroute(toolpaths, travels, around, cell, report)
-        again = checked(moved)
-        if again.colliding < check.colliding:
-            toolpaths, check = moved, again
-    less = leave_out(toolpaths, check, stack.part)
-    if less is not None:
-        around = Surroundings(less[0], stack, cell)
-        moved = reroute(less[0], less[1], around, cell, report)
-        again = checked(moved)
+        around = Surroundings(toolpaths, task.stack, task.cell)
+        moved = reroute(toolpaths, travels, around, task.cell, task.report)
+        again = task.checked(moved)
         if again.colliding < check.colliding:
             toolpaths, check = moved, again
     return toolpaths, check
+
+
+def _without_rest(
+    task: _Task, toolpaths: ToolpathSet, check: CollisionCheck
+) -> tuple[ToolpathSet, CollisionCheck]:
+    """Leave out what still collides, where it is next to nothing."""
+    less = leave_out(toolpaths, check, task.stack.part)
+    if less is None:
+        return toolpaths, check
+    around = Surroundings(less[0], task.stack, task.cell)
+    moved = reroute(less[0], less[1], around, task.cell, task.report)
+    again = task.checked(moved)
+    return (moved, again) if again.colliding < check.colliding else (toolpaths, check)
+
+
+def _banded(
+    task: _Task, toolpaths: ToolpathSet, ranges: list[tuple[int, int]]
+) -> tuple[ToolpathSet, CollisionCheck]:
+    """Print some ranges of patches in common bands of height."""
+    passes = in_bands(toolpaths.passes, ranges)
+    moves, _ = plan_moves(passes, task.cell, task.report)
+    banded = replace(toolpaths, passes=tuple(passes), travels=tuple(moves))
+    return banded, task.checked(banded)
 
 
 def _turned(
