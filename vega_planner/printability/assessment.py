@@ -84,8 +84,9 @@ class Side:
         reachable: True where the robot gets there (f1), shape (n,).
         seen: True where the line along the tool meets nothing of the layer (f2), (n,).
         clear: True where the solid tool is clear (f2s), shape (n,).
-        leaning: True where nothing but the lean stands against printing, on a surface so
-            steep that its beads stand on each other as in ordinary walls, shape (n,).
+        hopeful: True where only the lean stands against printing, on a wall whose beads
+            stand on each other; or only material that need not be there yet, if it is
+            printed from the bottom up. The check of every waypoint decides. Shape (n,).
     """
 
     axes: Floats
@@ -93,7 +94,7 @@ class Side:
     reachable: Bools
     seen: Bools
     clear: Bools
-    leaning: Bools
+    hopeful: Bools
 
     @property
     def printable(self) -> Bools:
@@ -232,6 +233,7 @@ def assess_printability(
     # what is laid from inside: filled from the outermost layer inwards
     laid = np.zeros(material.first[-1], np.bool_)
     judged = []
+    flat = cell.substrate is None and bool(stack.part.restrained.any())
     for number, layer in enumerate(sheets):
         bowl = material.field_of_faces(laid) if laid.any() else EMPTY
         held = _held_from_below(layer, bowl, surroundings, cell)
@@ -248,7 +250,7 @@ def assess_printability(
                 layer, -layer.vertex_normals, fields, cell, settings, unused, False, width_mm
             )
             label = _face_labels(layer, side_out, inner, held)
-        side_out, label = _with_leaning(layer, side_out, label)
+        side_out, label = _with_hope(layer, side_out, label, flat)
         label = _without_noise(layer, label)
         laid[material.first[number] : material.first[number + 1]] = label == INSIDE
         judged.append(SheetAssessment(side_out, inner, label))
@@ -333,15 +335,21 @@ def judge_side(
     steep = tilt_of(normals) > np.radians(90 + settings.max_overhang_deg) + 1e-9
     if settings.orientation == "vertical":
         lean &= steep
-    leaning = (code == 0) & lean & ~steep & reachable
-    if leaning.any():
+    hopeful = (code == 0) & lean
+    if hopeful.any():
         off = np.arccos(np.clip(np.einsum("ij,ij->i", axes, normals), -1, 1))
         off += tilt_of(axes) - tilt_of(normals)
-        leaning &= (tilt_of(normals) > np.radians(WALL_DEG)) & (off < np.radians(OFF_PLANE_DEG))
+        hopeful &= (tilt_of(normals) > np.radians(WALL_DEG)) & (off < np.radians(OFF_PLANE_DEG))
+    if settings.orientation == "collision-free":
+        later = (code == _CODE["own_layer"]) | (code == _CODE["printed_part"])
+        hopeful |= later & (limit >= 0)
+        stuck = hopeful & ~oriented.clear
+        axes = np.where(stuck[:, None], [0.0, 0.0, 1.0], axes)
+    hopeful &= ~steep & reachable & (closed == 0)
     code[(code == 0) & (lean | steep)] = _CODE["no_support"]
     code[reach == 2] = _CODE["wrist_limit"]
     code[reach == 1] = _CODE["out_of_travel"]
-    return Side(axes, code, reachable, seen, oriented.clear, leaning)
+    return Side(axes, code, reachable, seen, oriented.clear, hopeful)
 
 
 def plate_tilt_limit(
@@ -416,17 +424,21 @@ def _face_labels(layer: Layer, outside: Side, inside: Side | None, held: Bools) 
     return label
 
 
-def _with_leaning(layer: Layer, outside: Side, label: Ints) -> tuple[Side, Ints]:
-    """Print walls from outside with a leaning nozzle where there is no other way."""
-    if not outside.leaning.any() or not (label == NEITHER).any():
+def _with_hope(layer: Layer, outside: Side, label: Ints, flat: bool) -> tuple[Side, Ints]:
+    """Print from outside what is only hopeful, where there is no other way.
+
+    On a flat base nothing has to be printed from inside: there, all of it.
+    """
+    wanted = label != OUTSIDE if flat else label == NEITHER
+    if not outside.hopeful.any() or not wanted.any():
         return outside, label
-    good = outside.printable | outside.leaning
-    more = (label == NEITHER) & (good[layer.faces].sum(1) >= 2)
+    good = outside.printable | outside.hopeful
+    more = wanted & (good[layer.faces].sum(1) >= 2)
     if not more.any():
         return outside, label
     used = np.zeros(len(good), np.bool_)
     used[layer.faces[more].ravel()] = True
-    code = np.where(used & outside.leaning, 0, outside.code)
+    code = np.where(used & outside.hopeful, 0, outside.code)
     return replace(outside, code=code), np.where(more, OUTSIDE, label)
 
 

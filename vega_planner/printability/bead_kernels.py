@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 from numba import njit
 
 #: Beads in a block and blocks in a group, each with a ball around it.
@@ -155,9 +154,7 @@ def bead_clearance(
         for g in range((count + BLOCK * GROUP - 1) // (BLOCK * GROUP)):
             if best < give_up:
                 break
-            if not _may_touch(
-                groups[g], px, py, pz, ux, uy, uz, first, last, widest, step, near
-            ):
+            if not _may_touch(groups[g], px, py, pz, ux, uy, uz, first, last, widest, step, near):
                 continue
             last_block = min((g + 1) * GROUP, (count + BLOCK - 1) // BLOCK)
             for b in range(g * GROUP, last_block):

@@ -79,6 +79,23 @@ class Beads:
         map_threads(measure, np.array_split(np.arange(len(tips)), share))
         return out
 
+    def nearest_to(self, tool: ToolShape, tip: Floats, axis: Floats, number: int) -> int:
+        """Name the bead that reaches deepest into a tool pose, of those laid before.
+
+        Returns:
+            The number of the waypoint at which that bead ends; -1 where there is none.
+        """
+        count = int(np.searchsorted(self.laid, number))
+        if not count:
+            return -1
+        away = self._beads[:count, :3] - tip
+        s = away @ axis
+        r = np.sqrt(np.maximum((away**2).sum(1) - s * s, 0.0))
+        reach = np.linalg.norm(self._beads[:count, 3:6], axis=1) + self._beads[:count, 9]
+        depth = np.interp(s, tool.distance, tool.radius) - r
+        depth = np.minimum(depth, np.minimum(s - tool.start_mm, tool.distance[-1] - s)) + reach
+        return int(self.laid[int(np.argmax(depth))])
+
 
 def _balls(rows: Floats, size: int) -> Floats:
     balls = np.empty((-(-len(rows) // size), 4))

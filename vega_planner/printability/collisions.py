@@ -41,6 +41,9 @@ TOUCH_MM = 0.05
 #: Where other poses are tried, how deep a bad one is does not matter beyond this [mm].
 GIVE_UP_MM = -0.1
 
+#: Colliding waypoints of one pass that are asked for what they hit, at most about.
+HITS_LOOKED_AT = 20
+
 #: Waypoints checked between two reports of progress.
 AT_ONCE = 8192
 
@@ -257,6 +260,28 @@ class Surroundings:
     def is_free(self, number: int) -> bool:
         """Tell whether the tip counts at a waypoint, since it travels."""
         return bool(self._way.free[number])
+
+    def hit_patches(self, toolpaths: ToolpathSet, check: CollisionCheck) -> set[tuple[int, int]]:
+        """Find which patches the tool meets where passes collide with printed material.
+
+        Args:
+            toolpaths: The same toolpaths.
+            check: The check of them.
+
+        Returns:
+            Pairs of the patch whose bead is hit and the patch that is being printed.
+        """
+        pairs = set()
+        for number, hits in enumerate(check.of_passes(toolpaths)):
+            for k in hits[:: max(1, len(hits) // HITS_LOOKED_AT)]:
+                at = self._first[number] + int(k)
+                bead = self._beads.nearest_to(
+                    self._near, self._way.points[at], self._way.axes[at], at + 1
+                )
+                if bead >= 0:
+                    other = toolpaths.passes[int(self._way.path[bead])]
+                    pairs.add((other.patch, toolpaths.passes[number].patch))
+        return pairs
 
     def at(self, number: int) -> Callable[[Floats, Floats, Bools], Floats]:
         """Make a check of poses against what is there before a waypoint.

@@ -107,7 +107,7 @@ def lay_toolpaths(
         )
     report(Progress("toolpaths", 0.8, detail="travel"))
     paths = _in_order([found for found, _ in passes], patches, settings)
-    moves, warnings = _moves(paths, cell, report)
+    moves, warnings = plan_moves(paths, cell, report)
     loops = sum(not nested for _, nested in passes)
     if loops:
         warnings += (f"{loops} patches are no single nest of loops: loops instead of a spiral",)
@@ -311,10 +311,19 @@ def _width(rows: Floats, settings: ToolpathSettings) -> Floats:
     return fill_width(rows[:, CELL], height, nominal)
 
 
-def _moves(
+def plan_moves(
     paths: list[Toolpath], cell: Workcell, report: Report
 ) -> tuple[list[Travel], tuple[str, ...]]:
-    """Find the moves between passes, before the first and after the last."""
+    """Find the moves between passes, before the first and after the last.
+
+    Args:
+        paths: Passes in print order.
+        cell: Plate and tool.
+        report: Told how far it is; may raise `Cancelled`.
+
+    Returns:
+        One move more than there are passes, and warnings.
+    """
     if not paths:
         return [], ()
     low = np.min([path.points.min(0) for path in paths], axis=0)

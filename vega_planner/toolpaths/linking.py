@@ -11,7 +11,6 @@ from vega_planner.datatypes import Floats
 from vega_planner.toolpaths.isolines import POSITION, Line
 from vega_planner.toolpaths.polyline_kernels import line_length, nearest_on, unroll
 
-
 #: Rise from one line to the next, over the longest link, from which on a pass climbs or
 #: descends. It does not do both: one that descends is turned round, so that walls are
 #: printed upwards.
