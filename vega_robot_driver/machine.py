@@ -119,15 +119,12 @@ def _devices(machine: Machine, folder: Path) -> tuple[MotionController, Dispense
         machine.joint_names, machine.lower, machine.upper, machine.velocity
     )
     if machine.hardware == "emulated":
-        from vega_robot_driver.motion.emulated import EmulatedMotion
+        from vega_robot_driver.motion.emulated import EmulatedDrives, EmulatedMotion
 
+        by_frames = machine.time_scale != 1.0
+        drives = EmulatedDrives(path, folder / "drives.json", machine.dt if by_frames else 0.0)
         emulated = EmulatedMotion(
-            config,
-            path,
-            folder / "drives.json",
-            dt=machine.dt,
-            by_frames=machine.time_scale != 1.0,
-            memory=folder,
+            config, drives, dt=machine.dt, by_frames=by_frames, memory=folder
         )
         return emulated, _dispenser(config.dispenser)
     from vega_robot_driver.motion.ethercat import EthercatMotion

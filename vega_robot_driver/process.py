@@ -28,19 +28,17 @@ from vega_planner.errors import DriverError, InvalidInput, VegaError
 from vega_robot_driver.checkpoint import CheckpointWriter
 from vega_robot_driver.control.calibration import calibration_job
 from vega_robot_driver.curve import Curve
-from vega_robot_driver.executor import STATES
 from vega_robot_driver.job import PrintJob
 from vega_robot_driver.link import RequestServer
 from vega_robot_driver.machine import Machine, build_executor, read_machine
 from vega_robot_driver.recovery import recover_checkpoint
+from vega_robot_driver.shown import Shown
 from vega_robot_driver.status import StatusPage
 
 #: Time between two wake-ups of a simulation [s].
 SIMULATION_PERIOD = 0.005
 #: Least silence of the client that stops a simulation faster than the clock [s].
 SIMULATION_SILENCE = 0.5
-#: Time between two checkpoints while printing [s]: at most so much is lost with the power.
-CHECKPOINT_PERIOD = 0.05
 #: Overruns in a row after which the machine stops.
 MOST_OVERRUNS = 25
 
@@ -60,6 +58,7 @@ class RealTimeLoop:
         recover_checkpoint(folder)
         self._page = StatusPage(folder, create=True)
         self._checkpoints = CheckpointWriter(folder / "checkpoint.json")
+        self._shown = Shown(self._page, self._checkpoints.post)
         self._requests: queue.SimpleQueue = queue.SimpleQueue()
         self._server = RequestServer(listening, self._ask)
         self._had_client = False
@@ -69,8 +68,7 @@ class RealTimeLoop:
         self._quiet, self._beat, self._period = 0.0, 0, machine.dt
         self._alone_since = time.monotonic()
         self._ended = False
-        self._last_checkpoint = (0.0, -2, "")
-        self._idle_on = self._overruns = self._overrun_streak = 0
+        self._overruns = self._overrun_streak = 0
         self._late = np.zeros(1000)
         self._late_count = 0
         self._calibrating = False
@@ -164,6 +162,9 @@ class RealTimeLoop:
         if op == "move":
             goal = np.array(request["positions"], np.float64)
             return lambda: _done(lambda: self._move(goal, float(request["speed_ratio"])))
+        if op == "pressure":  # a serial line takes longer than a cycle
+            executor.dispenser.set_pressure(float(request["pascal"]))
+            return dict
         if op == "calibrate":
             calibration = self._calibration(request)
             return lambda: _done(lambda: self._calibrate(calibration))
@@ -180,7 +181,6 @@ class RealTimeLoop:
             "override": lambda: setattr(
                 executor, "override", min(max(float(request["ratio"]), 0.05), 1.0)
             ),
-            "pressure": lambda: executor.dispenser.set_pressure(float(request["pascal"])),
             "inject": lambda: self._inject(str(request["fault"])),
         }
         if op not in (*simple, "axes", "hello"):
@@ -279,44 +279,13 @@ class RealTimeLoop:
         if limit and not connected and now - self._alone_since > limit and not executor.moving:
             self._ended = True
 
-    # -- what is shown ------------------------------------------------------------------
-
     def _record(self) -> None:
-        executor, record = self._executor, self._page.record
-        if executor.gate and executor.rate == 0.0:
-            self._idle_on += 1
         if self._late_count % 200 == 0:
             late = np.sort(self._late[: min(self._late_count, len(self._late))])
             self._percentiles = [float(late[int((len(late) - 1) * q)]) for q in (0.5, 0.99, 1.0)]
-        job, path, axes = executor.job, executor.path, len(executor.positions)
-        record["pid"], record["stamp"] = os.getpid(), time.monotonic()
-        record["state"], record["gate"] = STATES.index(executor.state), executor.gate
-        record["u"], record["rate"], record["done"] = executor.u, executor.rate, executor.done_u
-        record["duration"] = job.duration_s if job else 0.0
-        record["path"], record["layer"] = path, job.layer_of(path) if job else -1
-        record["paths_done"] = executor.paths_done
-        record["axes"] = axes
-        record["positions"][0, :axes] = executor.positions
-        record["targets"][0, :axes] = executor.targets
-        record["pressure"], record["cycles"] = executor.pressure, executor.cycles
-        record["clock"] = executor.cycles * executor.motion.dt
-        record["idle_on_cycles"], record["overruns"] = self._idle_on, self._overruns
-        record["wrong_counters"] = executor.motion.quality.wrong_counters
-        record["lateness"][0] = self._percentiles
-        record["homing_epoch"] = executor.motion.homing_epoch
-        record["job"], record["detail"] = executor.digest.encode(), executor.detail.encode()[:200]
-        self._page.publish()
-        self._checkpoint(path)
-
-    def _checkpoint(self, path: int) -> None:
-        executor, now = self._executor, time.monotonic()
-        if not executor.digest or executor.state in ("off", "idle"):
-            return
-        when, last_path, last_state = self._last_checkpoint
-        due = executor.state == "printing" and now - when > CHECKPOINT_PERIOD
-        if due or path != last_path or executor.state != last_state:
-            self._checkpoints.post(executor.checkpoint())
-            self._last_checkpoint = (now, path, executor.state)
+        self._shown.show(
+            self._executor, time.monotonic(), overruns=self._overruns, lateness=self._percentiles
+        )
 
     def _close(self) -> None:
         executor = self._executor

@@ -64,14 +64,14 @@ class DisturbanceMap:
             for part in ("places", "forward", "backward")
         }
         fresh = path.with_suffix(".new.npz")
-        np.savez(fresh, homing_epoch=np.array(self.homing_epoch), **arrays)  # type: ignore[arg-type]
+        np.savez(fresh, homing_epoch=np.array(self.homing_epoch), **arrays)
         fresh.replace(path)
 
     @classmethod
     def read(
         cls, path: Path, joint_names: tuple[str, ...], homing_epoch: int
     ) -> DisturbanceMap | None:
-        """Read the map of these axes; None where there is none, or it belongs to another homing."""
+        """Read the map of these axes; None where there is none of them and their homing."""
         try:
             with np.load(path, allow_pickle=False) as file:
                 if int(file["homing_epoch"]) != homing_epoch:

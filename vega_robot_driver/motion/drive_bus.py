@@ -137,10 +137,11 @@ class DriveBus:
 
     def _identified(self) -> list[Any]:
         """Find each axis's drive by its serial number."""
-        serials = [
-            struct.unpack("<I", _retried(lambda s=slave: s.sdo_read(0x1018, 4)))[0]
-            for slave in self._master.slaves
-        ]
+
+        def serial(slave: Any) -> int:
+            return int.from_bytes(_retried(lambda: slave.sdo_read(0x1018, 4)), "little")
+
+        serials = [serial(slave) for slave in self._master.slaves]
         found = []
         for axis in self._config.axes:
             if axis.serial not in serials:
@@ -233,7 +234,8 @@ class DriveBus:
 
     def exchange(self) -> bool:
         """Exchange one frame; true where every drive took part."""
-        for number, slave in enumerate(self._slaves):
+        sent = []
+        for number in range(len(self.control)):
             values = {
                 0x6040: self.control[number],
                 0x6060: self.mode[number],
@@ -241,22 +243,31 @@ class DriveBus:
                 0x607A: self.target[number],
                 0x60FE: self.outputs[number],
             }
-            slave.output = self._send.pack(*[values.get(index, 0) for index in self._sent])
-        self._master.send_processdata()
-        counter = self._master.receive_processdata(self._timeout)
-        if counter != self._master.expected_wkc:
+            sent.append(self._send.pack(*[values.get(index, 0) for index in self._sent]))
+        received = self._transfer(sent)
+        if received is None:
             self.wrong += 1
             self.wrong_in_a_row += 1
             return False
         self.wrong_in_a_row = 0
-        for number, slave in enumerate(self._slaves):
-            values = dict(zip(self._received, self._receive.unpack(slave.input), strict=True))
+        for number, data in enumerate(received):
+            values = dict(zip(self._received, self._receive.unpack(data), strict=True))
             self.status[number] = values[0x6041]
             self.states[number] = state_of(values[0x6041])
             self.position[number] = values[0x6064]
             self.speed[number] = values.get(0x606C, 0)
             self.errors[number] = values.get(0x603F, 0)
         return True
+
+    def _transfer(self, sent: list[bytes]) -> list[bytes] | None:
+        """Send each drive its data and get theirs; None where not all took part."""
+        for slave, data in zip(self._slaves, sent, strict=True):
+            slave.output = data
+        self._master.send_processdata()
+        counter = self._master.receive_processdata(self._timeout)
+        if counter != self._master.expected_wkc:
+            return None
+        return [slave.input for slave in self._slaves]
 
     @property
     def clock_offset(self) -> float:

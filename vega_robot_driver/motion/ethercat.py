@@ -25,8 +25,8 @@ from vega_robot_driver.motion.cia402 import (
     HOMING_MODE,
     POSITION_MODE,
     QUICK_STOP,
-    TOWARDS_ENABLED,
     TORQUE_MODE,
+    TOWARDS_ENABLED,
     State,
 )
 from vega_robot_driver.motion.drive_bus import PATIENCE, TRIES, DriveBus
@@ -46,6 +46,7 @@ class EthercatMotion(MotionController):
         timeout_us: Time a frame may take to come back.
         batched: Whether cycles may be exchanged without pacing (frame-clocked emulation).
         memory: Folder that keeps the homing's number and the calibration, or None.
+        bus: The drives, where they are not reached over an interface.
     """
 
     def __init__(
@@ -57,11 +58,12 @@ class EthercatMotion(MotionController):
         timeout_us: int = 1500,
         batched: bool = False,
         memory: Path | None = None,
+        bus: DriveBus | None = None,
     ) -> None:
         self.joint_names = tuple(axis.joint for axis in config.axes)
         self.dt, self.batched = dt, batched
         self._config, self._memory = config, memory
-        self._bus = DriveBus(config, interface, dt=dt, timeout_us=timeout_us)
+        self._bus = bus or DriveBus(config, interface, dt=dt, timeout_us=timeout_us)
         self._mode = TORQUE_MODE if config.control == "host" else POSITION_MODE
         wired = config.dispenser.axis
         self._valve = self.joint_names.index(wired) if wired else -1
