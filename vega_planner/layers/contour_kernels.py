@@ -365,24 +365,48 @@ def place(
 
 @njit(nogil=True, cache=True)
 def settle(tri, corner, ring_start, ring, box, brr_tri, brr_box, h, r, hint, rim, v, stack, lower):
-    """Check a vertex against the exact distance, and put a rim vertex on the region."""
-    if rim:
-        q, _ = nearest(brr_tri, brr_box, v[0], v[1], v[2], -1, h * h, stack, lower)
-        if q >= 0:
-            _, fx, fy, fz = closest(brr_tri, q, v[0], v[1], v[2])
-            v[0], v[1], v[2] = fx, fy, fz
+    """Check a vertex against the exact distance; a rim vertex slides along the region."""
     s = hint
-    for _ in range(3):
-        s, _ = nearest_or_walk(
-            tri, corner, ring_start, ring, box, v[0], v[1], v[2], s, stack, lower
-        )
-        d2, fx, fy, fz = closest(tri, s, v[0], v[1], v[2])
-        e = np.sqrt(d2)
-        if rim or abs(e - r) < 2e-3 or e < 1e-9:
+    if not rim:
+        for _ in range(3):
+            s, _ = nearest_or_walk(
+                tri, corner, ring_start, ring, box, v[0], v[1], v[2], s, stack, lower
+            )
+            d2, fx, fy, fz = closest(tri, s, v[0], v[1], v[2])
+            e = np.sqrt(d2)
+            if abs(e - r) < 2e-3 or e < 1e-9:
+                break
+            v[0] = fx + (v[0] - fx) * r / e
+            v[1] = fy + (v[1] - fy) * r / e
+            v[2] = fz + (v[2] - fz) * r / e
+        return s
+    x, y, z = v[0], v[1], v[2]
+    least = 1e300
+    bound = h * h
+    for _ in range(8):
+        q, _ = nearest(brr_tri, brr_box, x, y, z, -1, bound, stack, lower)
+        if q < 0:
             break
-        v[0] = fx + (v[0] - fx) * r / e
-        v[1] = fy + (v[1] - fy) * r / e
-        v[2] = fz + (v[2] - fz) * r / e
+        _, x, y, z = closest(brr_tri, q, x, y, z)
+        k, _ = nearest_or_walk(tri, corner, ring_start, ring, box, x, y, z, s, stack, lower)
+        d2, fx, fy, fz = closest(tri, k, x, y, z)
+        e = np.sqrt(d2)
+        if abs(e - r) < least:
+            least = abs(e - r)
+            s = k
+            v[0], v[1], v[2] = x, y, z
+        if abs(e - r) < 2e-3:
+            break
+        # Newton's step on the plane of the region, damped where that runs along the level.
+        gx, gy, gz = -tri[k, 9], -tri[k, 10], -tri[k, 11]
+        if e > 1e-9:
+            gx, gy, gz = (x - fx) / e, (y - fy) / e, (z - fz) / e
+        nx, ny, nz = brr_tri[q, 9], brr_tri[q, 10], brr_tri[q, 11]
+        along = gx * nx + gy * ny + gz * nz
+        gx, gy, gz = gx - along * nx, gy - along * ny, gz - along * nz
+        f = (r - e) / (gx * gx + gy * gy + gz * gz + 1e-2)
+        x, y, z = x + f * gx, y + f * gy, z + f * gz
+        bound = max(0.25 * h * h, 4.0 * (r - e) * (r - e))
     return s
 
 

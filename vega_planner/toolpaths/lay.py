@@ -63,6 +63,9 @@ _ALONE = 0.9
 #: that seams do not pile up and the way to the next start stays short.
 _SEAM_TURN_DEG = 25.0
 
+#: A pass that rises by more than this from one end to the other is printed upwards [mm].
+_CLIMB_MM = 1.5
+
 #: The flow of a patch is changed by at most this part to get its volume right.
 _MOST_BALANCE = 0.03
 
@@ -105,7 +108,7 @@ def lay_toolpaths(
         )
     report(Progress("toolpaths", 0.8, detail="travel"))
     paths = _in_order([found for found, _ in passes], patches, settings)
-    moves, warnings = _moves(paths, cell, report)
+    moves, warnings = plan_moves(paths, cell, report)
     loops = sum(not nested for _, nested in passes)
     if loops:
         warnings += (f"{loops} patches are no single nest of loops: loops instead of a spiral",)
@@ -274,6 +277,10 @@ def _in_order(
     for index, group in enumerate(found):
         for n, backwards in shortest_sequence(group, at):
             item = group[n]
+            rise = float(item.rows[-1, POSITION][2] - item.rows[0, POSITION][2])
+            if abs(rise) > _CLIMB_MM:
+                # the nozzle stands steep beside a wall: upwards, it stays above what is there
+                backwards = rise < 0
             rows = item.rows[::-1] if backwards else item.rows
             paths.append(_toolpath(rows, item.closed, index, patches[index].layer, settings))
             at = rows[-1, POSITION]
@@ -298,10 +305,19 @@ def _width(rows: Floats, settings: ToolpathSettings) -> Floats:
     return fill_width(rows[:, CELL], height, nominal)
 
 
-def _moves(
+def plan_moves(
     paths: list[Toolpath], cell: Workcell, report: Report
 ) -> tuple[list[Travel], tuple[str, ...]]:
-    """Find the moves between passes, before the first and after the last."""
+    """Find the moves between passes, before the first and after the last.
+
+    Args:
+        paths: Passes in print order.
+        cell: Plate and tool.
+        report: Told how far it is; may raise `Cancelled`.
+
+    Returns:
+        One move more than there are passes, and warnings.
+    """
     if not paths:
         return [], ()
     low = np.min([path.points.min(0) for path in paths], axis=0)

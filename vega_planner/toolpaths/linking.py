@@ -11,6 +11,11 @@ from vega_planner.datatypes import Floats
 from vega_planner.toolpaths.isolines import POSITION, Line
 from vega_planner.toolpaths.polyline_kernels import line_length, nearest_on, unroll
 
+#: Rise from one line to the next, over the longest link, from which on a pass climbs or
+#: descends. It does not do both: one that descends is turned round, so that walls are
+#: printed upwards.
+LEVEL_RATIO = 0.1
+
 
 @dataclass(frozen=True, eq=False)
 class Pass:
@@ -71,6 +76,7 @@ def _walk(line: Line, start: int, waiting: list[Line], spacing: float, longest: 
     if not line.closed:
         forward = start < len(line.rows) / 2
     pieces: list[Floats] = []
+    trend = 0
     while True:
         if line.closed:
             # no link fills the slot at the very first loop: it is left narrower
@@ -78,7 +84,7 @@ def _walk(line: Line, start: int, waiting: list[Line], spacing: float, longest: 
             rows = unroll(line.rows, segment, place, forward, gap)
         else:
             rows = line.rows if forward else line.rows[::-1]
-        found = _nearest(rows[-1], line, waiting, longest)
+        found = _nearest(rows[-1], line, waiting, longest, trend)
         if found is None:
             if line.closed:
                 rows = unroll(line.rows, segment, place, forward, 0.0)
@@ -88,6 +94,7 @@ def _walk(line: Line, start: int, waiting: list[Line], spacing: float, longest: 
         n, segment, place = found
         before = line
         line = waiting.pop(n)
+        trend = trend or _slope(before, line, longest)
         if line.closed:
             forward = not forward if before.closed else forward
         else:
@@ -97,7 +104,7 @@ def _walk(line: Line, start: int, waiting: list[Line], spacing: float, longest: 
 
 
 def _nearest(
-    row: Floats, line: Line, waiting: list[Line], longest: float
+    row: Floats, line: Line, waiting: list[Line], longest: float, trend: int
 ) -> tuple[int, int, float] | None:
     """Find the line to go on with: its index, and where it is to be entered."""
     best, found = longest, None
@@ -106,6 +113,8 @@ def _nearest(
             break
         if other.level < line.level - 1 or other.component != line.component:
             continue
+        if trend * _slope(line, other, longest) < 0:
+            continue
         if other.closed:
             distance, segment, place = nearest_on(other.rows, True, row)
         else:
@@ -113,6 +122,13 @@ def _nearest(
         if distance < best:
             best, found = distance, (n, int(segment), float(place))
     return found
+
+
+def _slope(line: Line, other: Line, longest: float) -> int:
+    """Tell whether a line lies higher (1) or lower (-1) than the one before, or about level."""
+    z = POSITION.start + 2
+    rise = float(other.rows[:, z].mean() - line.rows[:, z].mean())
+    return int(np.sign(rise)) if abs(rise) > LEVEL_RATIO * longest else 0
 
 
 def _nearest_end(rows: Floats, row: Floats) -> tuple[float, int, float]:
