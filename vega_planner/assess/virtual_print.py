@@ -120,12 +120,10 @@ def simulate(
     report(Progress(STAGE, 0.02))
     printed = bead_field(beads, grid, PROBE_MM + voxel_mm)
     report(Progress(STAGE, 0.3))
-    below = None if substrate is None else _field_of(substrate, grid)
-    if below is not None:
-        np.minimum(printed, below, out=printed)
+    if substrate is not None:
+        # taken off it before it is scanned: the gap between the two is no void
+        np.maximum(printed, -_field_of(substrate, grid), out=printed)
     voids = fill_voids(printed, grid, plate_z_mm)
-    if below is not None:
-        np.maximum(printed, -below, out=printed)
     cut_below(printed, grid, plate_z_mm)
     report(Progress(STAGE, 0.45))
     vertices, faces = extract_surface(printed, grid)

@@ -10,27 +10,14 @@ import numpy as np
 
 from vega_planner.datatypes import REASON_CODES, Bools, Floats, Ints, Layer, TriangleGeometry
 from vega_planner.units import mm_to_m
+from vega_planner.viewer.colours import REASON_COLOURS, layer_colour
 from vega_planner.viewer.glb import baked_colours, triangles_glb
 from vega_planner.viewer.level_of_detail import clustered
 from vega_planner.viewer.result_folder import coloured_submesh
 
 #: Faces of all layers together that software rendering draws a few times a second.
 LIGHT_BUDGET = 36_000
-#: Colours of `REASON_CODES`: reach in reds, collisions in violets, support in brown.
-REASON_COLOURS = (
-    (214, 39, 40), (255, 105, 97), (148, 65, 200), (199, 60, 170),
-    (90, 60, 170), (120, 100, 210), (60, 60, 110), (140, 86, 50),
-)  # fmt: skip
 CUTS = ("whole", "cut at x", "cut at y")
-_RAMP = np.array([(38, 70, 160), (40, 140, 170), (70, 175, 110), (190, 200, 70), (250, 215, 90)])
-
-
-def layer_colour(index: int, count: int) -> tuple[int, int, int]:
-    """Colour of a layer: blue outside over green to yellow at the core."""
-    place = (len(_RAMP) - 1) * index / max(count - 1, 1)
-    low = min(int(place), len(_RAMP) - 2)
-    red, green, blue = _RAMP[low] + (place - low) * (_RAMP[low + 1] - _RAMP[low])
-    return int(red), int(green), int(blue)
 
 
 class LayerView:
@@ -108,8 +95,9 @@ class LayerView:
         for code in np.unique(reason[(reason > 0) & kept]):
             chosen = (reason == code) & kept
             vertices, faces = coloured_submesh(sheet, chosen, 0.1)
-            colours = np.tile(REASON_COLOURS[code - 1], (len(vertices), 1))
-            name = f"/unprintable/{sheet.index:03d}/{REASON_CODES[code - 1]}"
+            reason_name = REASON_CODES[code - 1]
+            colours = np.tile(REASON_COLOURS[reason_name], (len(vertices), 1))
+            name = f"/unprintable/{sheet.index:03d}/{reason_name}"
             glb = triangles_glb(mm_to_m(vertices), faces, colours)
             node = self._scene.add_glb(name, glb, cast_shadow=False, receive_shadow=False)
             self._marks[sheet.index].append(node)

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vega_planner.datatypes import Ints
+from vega_planner.datatypes import Floats, Ints
 from vega_planner.units import mm_to_m
+from vega_planner.viewer.colours import layer_colour, speed_colours
 from vega_planner.viewer.glb import lines_glb
-from vega_planner.viewer.layer_view import layer_colour
 from vega_planner.viewer.level_of_detail import kept_rows
 from vega_planner.viewer.timeline import Moment, Timeline
 
@@ -25,7 +25,6 @@ LIGHT_BUDGET = 40_000
 #: Segments of one piece.
 PIECE = 512
 COLOURINGS = ("layer", "speed")
-_SLOW, _FAST = np.array([190, 30, 45]), np.array([60, 170, 90])
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +92,7 @@ class PathView:
         timeline: Timeline,
         layer_count: int,
         *,
-        colouring: str = COLOURINGS[0],
+        speeds: Floats | None = None,
         full_detail: bool = False,
     ) -> None:
         """Draw a toolpath, all of it hidden until `set_time`.
@@ -101,14 +100,15 @@ class PathView:
         Args:
             timeline: The toolpath.
             layer_count: Number of layers, for the colours.
-            colouring: One of `COLOURINGS`.
+            speeds: Speed of the tip at each row, shape (n,), to colour by; by layer when
+                absent.
             full_detail: Draw every point.
         """
         self.clear()
         self._timeline = timeline
         budget = len(timeline.points) if full_detail else LIGHT_BUDGET
         self._pieces = cut_into_pieces(timeline, budget)
-        self._colours = _colours(timeline, layer_count, colouring)
+        self._colours = _colours(timeline, layer_count, speeds)
         self._last_ends = np.array([piece.ends[-1] for piece in self._pieces], dtype=np.int64)
         for index, piece in enumerate(self._pieces):
             rows = np.concatenate([piece.starts, piece.ends])
@@ -166,12 +166,9 @@ class PathView:
         self._growing.visible = True
 
 
-def _colours(timeline: Timeline, layer_count: int, colouring: str) -> NDArray[np.uint8]:
-    if colouring == "speed":
-        speeds = timeline.speeds()
-        top = float(np.percentile(speeds[timeline.extrude], 95)) if timeline.extrude.any() else 1.0
-        share = np.clip(speeds / max(top, 1e-9), 0.0, 1.0)[:, None]
-        return (_SLOW + share * (_FAST - _SLOW)).astype(np.uint8)
+def _colours(timeline: Timeline, layer_count: int, speeds: Floats | None) -> NDArray[np.uint8]:
+    if speeds is not None:
+        return speed_colours(speeds, timeline.path_id >= 0)
     table = np.array([layer_colour(n, layer_count) for n in range(max(layer_count, 1))])
     # Darker than the sheets, so that beads stand out on their layer.
     return (0.55 * table[np.clip(timeline.layer, 0, len(table) - 1)]).astype(np.uint8)

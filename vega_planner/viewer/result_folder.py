@@ -172,6 +172,7 @@ def _timeline(folder: Path, summary: dict[str, Any]) -> Timeline | None:
         joint_names=names,
         joint_times=sample_times,
         joint_positions=positions,
+        joint_path=sample_path,
     )
 
 
