@@ -174,7 +174,7 @@ def clicks(browser, mesh):
         page.get_by_role("button", name="Plan").wait_for()
         time.sleep(2)
         part = viewer.part
-        viewer.picks.clear()
+        viewer.region.picks.clear()
         eye = 1000.0 * np.array(viewer._server.initial_camera.position)
         target = np.array([0.0, 0.0, 15.0])
         face = first_hit(eye, target - eye, part.vertices, part.faces).face
@@ -187,10 +187,10 @@ def clicks(browser, mesh):
         canvas = page.locator("canvas").first.bounding_box()
         middle = canvas["x"] + canvas["width"] / 2, canvas["y"] + canvas["height"] / 2
         for _ in range(5):
-            state = viewer.picks.faces[face]
+            state = viewer.region.picks.faces[face]
             start = time.perf_counter()
             page.mouse.click(*middle)
-            while viewer.picks.faces[face] == state and time.perf_counter() - start < 5:
+            while viewer.region.picks.faces[face] == state and time.perf_counter() - start < 5:
                 time.sleep(0.002)
             outside.append(1e3 * (time.perf_counter() - start))
             time.sleep(0.5)

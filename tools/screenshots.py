@@ -78,7 +78,7 @@ def of_the_region(viewer: Any, page: Any, out: Path) -> None:
     """The restraint region, its SPEC, and the layers it leads to."""
     viewer.controls.show_robot.value = False
     come_closer(viewer, 0.6)
-    viewer._region_changed()
+    viewer.region.changed()
     while "Working" in viewer.controls.pointed.content:
         settle(0.2)
     save(page, out / "viewer_region.png")
@@ -95,7 +95,7 @@ def of_the_plan(viewer: Any, page: Any, out: Path) -> None:
     viewer.controls.cut.value = "cut at y"
     viewer.controls.show_robot.value = False
     viewer.controls.show_path.value = False
-    viewer._redraw()
+    viewer.picture.redraw()
     come_closer(viewer, 0.6)
     page.get_by_role("tab", name="Result").click()
     save(page, out / "viewer_section.png")

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from vega_planner.viewer.job import RUNNING
 from vega_planner.viewer.layer_view import CUTS
 from vega_planner.viewer.path_view import COLOURINGS
 
@@ -34,11 +35,11 @@ class Controls:
         gui.main_panel.dock_right()
         self.status = gui.add_markdown("starting")
         self.bar = gui.add_progress_bar(0.0)
-        self.plan = gui.add_button("Plan", icon="route", hint="Plan into the result folder.")
-        self.print = gui.add_button("Print", icon="player-play", color="green")
-        self.pause = gui.add_button("Pause", icon="player-pause")
-        self.resume = gui.add_button("Resume", icon="player-play", color="green")
-        self.stop = gui.add_button("Stop", icon="player-stop", color="red")
+        self.plan = gui.add_button("Plan", hint="Plan into the result folder.")
+        self.print = gui.add_button("Print", color="green", hint="Print the plan that is shown.")
+        self.pause = gui.add_button("Pause", hint="Stop on the path, dispenser off.")
+        self.resume = gui.add_button("Resume", color="green", hint="Go on where it paused.")
+        self.stop = gui.add_button("Stop", color="red", hint="End the job, dispenser off.")
         self.time = gui.add_slider(
             "time [s]", 0.0, 1.0, 0.1, 1.0, hint="Time of the print.", disabled=True
         )
@@ -58,6 +59,35 @@ class Controls:
             self.machine_pace = gui.add_dropdown(
                 "simulated at", PACES, initial_value=PACES[2], hint="Times the pace of the clock."
             )
+
+    def add_icons(self) -> None:
+        """Put icons on the buttons; reading them takes a moment, so it is done late."""
+        for button, icon in (
+            (self.plan, "route"),
+            (self.print, "player-play"),
+            (self.pause, "player-pause"),
+            (self.resume, "player-play"),
+            (self.stop, "player-stop"),
+        ):
+            button.icon = icon
+
+    def show_buttons(self, state: str, *, planning: bool, can_plan: bool, can_print: bool) -> None:
+        """Show the buttons that can be pressed now.
+
+        Args:
+            state: State of the machine, as in `JobState`.
+            planning: Whether a plan is being made.
+            can_plan: Whether one could be.
+            can_print: Whether there is a plan to print.
+        """
+        for button, visible in (
+            (self.plan, can_plan),
+            (self.print, can_print),
+            (self.pause, state == "printing"),
+            (self.resume, state == "paused"),
+            (self.stop, planning or state in RUNNING),
+        ):
+            put(button, "visible", visible)
 
     def _build_region(self, gui: Any) -> None:
         self.click = gui.add_dropdown("click", CLICKS, initial_value=PICK_REGION)
@@ -87,3 +117,9 @@ class Controls:
         self.detail = gui.add_checkbox(
             "full detail", False, hint="Every face and point; wants a graphics card."
         )
+
+
+def put(handle: Any, name: str, value: Any) -> None:
+    """Set a property, and send nothing where it is so already."""
+    if getattr(handle, name) != value:
+        setattr(handle, name, value)

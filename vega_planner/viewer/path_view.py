@@ -24,7 +24,7 @@ from vega_planner.viewer.timeline import Moment, Timeline
 LIGHT_BUDGET = 40_000
 #: Segments of one piece.
 PIECE = 512
-COLOURINGS = ("layer", "speed")
+BY_LAYER, BY_SPEED = COLOURINGS = ("layer", "speed")
 
 
 @dataclass(frozen=True, eq=False)
