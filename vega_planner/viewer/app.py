@@ -29,7 +29,7 @@ from vega_planner.viewer.words import result_text, status_text
 #: How often playback and the print's progress are shown [s].
 TICK_S = 0.1
 #: The robot is drawn so long after somebody sees the part, or at the latest after so long [s].
-ROBOT_AFTER_S, ROBOT_AT_LATEST_S = 0.3, 5.0
+ROBOT_AFTER_S, ROBOT_AT_LATEST_S = 1.0, 5.0
 
 
 class Viewer:
