@@ -6,8 +6,9 @@ from __future__ import annotations
 from typing import Any
 
 from vega_planner.viewer.job import RUNNING
-from vega_planner.viewer.layer_view import CUTS
+from vega_planner.viewer.legend import STYLE, legend
 from vega_planner.viewer.path_view import COLOURINGS
+from vega_planner.viewer.section import CUTS
 
 #: What a click on the part or on a layer does.
 PICK_REGION, PICK_FACE, EXPLAIN = "choose smooth region", "choose single face", "explain"
@@ -33,6 +34,7 @@ class Controls:
         gui = server.gui
         gui.configure_theme(show_logo=False, show_share_button=False)
         gui.main_panel.dock_right()
+        gui.add_html(STYLE)
         self.status = gui.add_markdown("starting")
         self.bar = gui.add_progress_bar(0.0)
         self.plan = gui.add_button("Plan", hint="Plan into the result folder.")
@@ -96,8 +98,8 @@ class Controls:
             "SPECs", "", hint="none, auto, down, normal:X,Y,Z[:DEG], point:X,Y,Z, faces:FILE, "
             "not:SPEC; several with blanks between.",
         )  # fmt: skip
-        self.use_specs = gui.add_button("Use these SPECs")
-        self.clear = gui.add_button("Clear region")
+        self.use_specs = gui.add_button("Use these SPECs", color="gray")
+        self.clear = gui.add_button("Clear region", color="gray")
         self.preview = gui.add_checkbox(
             "show resulting layers", True, hint="Work the layers out after each click."
         )
@@ -117,6 +119,7 @@ class Controls:
         self.detail = gui.add_checkbox(
             "full detail", False, hint="Every face and point; wants a graphics card."
         )
+        self.legend = gui.add_html(legend((), by_speed=False))
 
 
 def put(handle: Any, name: str, value: Any) -> None:

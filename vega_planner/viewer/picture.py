@@ -13,10 +13,12 @@ from vega_planner.viewer import controls as panel
 from vega_planner.viewer.explain import Explanation, explain
 from vega_planner.viewer.job import JobState
 from vega_planner.viewer.layer_view import LayerView
+from vega_planner.viewer.legend import legend
 from vega_planner.viewer.path_view import BY_SPEED, PathView
 from vega_planner.viewer.result_folder import ResultFolder
 from vega_planner.viewer.robot_model import RobotModel
 from vega_planner.viewer.robot_view import RobotView
+from vega_planner.viewer.section import cut_through
 from vega_planner.viewer.stage import Stage
 from vega_planner.viewer.timeline import Moment, Timeline
 from vega_planner.viewer.tip_speed import tip_speeds
@@ -115,12 +117,15 @@ class Picture:
     def redraw(self) -> None:
         """Draw layers and toolpath anew, as the panel says."""
         controls, timeline = self._controls, self._timeline
+        cut = cut_through(self.sheets, controls.cut.value)
+        by_speed = controls.colouring.value == BY_SPEED
         with self._server.atomic():
+            panel.put(controls.legend, "content", legend(self.reasons, by_speed=by_speed))
             self._layers.show(
                 self.sheets,
                 self.reasons,
                 full_detail=controls.detail.value,
-                cut=controls.cut.value,
+                cut=cut,
             )
             if timeline is None:
                 self._path.clear()
@@ -128,8 +133,9 @@ class Picture:
                 self._path.show(
                     timeline,
                     len(self.sheets),
-                    speeds=self._speeds() if controls.colouring.value == BY_SPEED else None,
+                    speeds=self._speeds() if by_speed else None,
                     full_detail=controls.detail.value,
+                    cut=cut,
                 )
             self.refresh()
 
@@ -156,15 +162,16 @@ class Picture:
             self._robot.set_visible(controls.show_robot.value)
             shown = controls.show_part.value
             ghost = shown and bool(self.visible_layers)
-            self._stage.set_visible(shown, controls.show_region.value, ghost)
+            grid = not (controls.show_robot.value and self.has_robot)
+            self._stage.set_visible(shown, controls.show_region.value, grid=grid, ghost=ghost)
 
     def explain(self, origin: Floats, direction: Floats) -> Explanation | None:
         """Say what a ray [mm, part frame] meets; None where it meets nothing."""
         part = self.part if self._controls.show_part.value else None
         summary = self.result.summary if self.result is not None else {}
-        return explain(
-            origin, direction, part, self.sheets, self.reasons, self.visible_layers, summary
-        )
+        shown = [sheet for sheet in self.sheets if sheet.index in self.visible_layers]
+        cut = cut_through(self.sheets, self._controls.cut.value)
+        return explain(origin, direction, part, shown, self.reasons, summary, cut)
 
     def _chosen_layers(self, timeline: Timeline, moment: Moment, every: set[int]) -> set[int]:
         choice = self._controls.layers.value

@@ -12,11 +12,11 @@ from vega_planner.errors import VegaError
 from vega_planner.settings import Settings
 from vega_planner.viewer import controls as panel
 from vega_planner.viewer.command import needs_file, plan_command, save_settings
-from vega_planner.viewer.layer_view import CUTS
 from vega_planner.viewer.picking import first_hit
 from vega_planner.viewer.picture import Picture
 from vega_planner.viewer.preview import Preview
 from vega_planner.viewer.restraint_picks import RestraintPicks
+from vega_planner.viewer.section import AT_Y
 from vega_planner.viewer.settings_panel import SettingsPanel
 from vega_planner.viewer.target import Target
 
@@ -190,6 +190,6 @@ class RegionDesk:
 
     def _show_preview(self, stack: LayerStack) -> None:
         with self._lock:
-            self._controls.cut.value = CUTS[2]
+            self._controls.cut.value = AT_Y
             self._picture.show_preview(stack.sheets)
         self.say(f"{len(stack.layers)} layers, {len(stack.cores)} core layers.")
