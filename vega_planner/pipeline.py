@@ -93,7 +93,9 @@ def plan(
     with stages.enter("printability") as tell:
         if parse_pose(settings.cell.pose) is None:
             cell = place(cell, choose_pose(stack, cell, settings.printability))
-        assessment = assess_printability(stack, cell, settings.printability, tell)
+        assessment = assess_printability(
+            stack, cell, settings.printability, tell, settings.toolpaths.width_mm
+        )
     with stages.enter("splitting") as tell:
         patches = split_layers(stack, assessment, cell, settings.printability, tell)
     with stages.enter("ordering") as tell:

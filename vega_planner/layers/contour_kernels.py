@@ -381,6 +381,8 @@ def nearest_about(tri, corner, ring_start, ring, slot, origin, h, corner_step, x
     for axis in range(3):
         w = x if axis == 0 else (y if axis == 1 else z)
         cell += int((w - origin[axis]) / h) * corner_step[1 << axis]
+    if cell < 0 or cell + corner_step[7] >= len(slot):
+        return best, least, fx, fy, fz
     for c in range(8):
         s = slot[cell + corner_step[c]]
         if s < 0 or s in (hint, best):
@@ -399,27 +401,56 @@ def nearest_about(tri, corner, ring_start, ring, slot, origin, h, corner_step, x
 
 
 @njit(nogil=True, cache=True)
-def settle(
-    tri, corner, ring_start, ring, brr_tri, brr_box, origin, h, r, slot, corner_step, hint, rim, v,
-    stack, lower,
-):  # fmt: skip
-    """Check a vertex against all sheets about, and put a rim vertex on the region."""
-    if rim:
-        q, _ = nearest(brr_tri, brr_box, v[0], v[1], v[2], -1, h * h, stack, lower)
-        if q >= 0:
-            _, fx, fy, fz = closest(brr_tri, q, v[0], v[1], v[2])
-            v[0], v[1], v[2] = fx, fy, fz
+def settle_about(tri, corner, ring_start, ring, r, slot, origin, h, corner_step, hint, v):
+    """Put a vertex at its depth from the nearest of all sheets about it."""
     s = hint
     for _ in range(3):
         s, d2, fx, fy, fz = nearest_about(
             tri, corner, ring_start, ring, slot, origin, h, corner_step, v[0], v[1], v[2], s
         )
         e = np.sqrt(d2)
-        if rim or abs(e - r) < 2e-3 or e < 1e-9:
+        if abs(e - r) < 2e-3 or e < 1e-9:
             break
         v[0] = fx + (v[0] - fx) * r / e
         v[1] = fy + (v[1] - fy) * r / e
         v[2] = fz + (v[2] - fz) * r / e
+    return s
+
+
+@njit(nogil=True, cache=True)
+def settle_rim(
+    tri, corner, ring_start, ring, box, brr_tri, brr_box, h, r, hint, v, stack, lower
+):  # fmt: skip
+    """Slide a rim vertex along the region until it is at its depth."""
+    s = hint
+    x, y, z = v[0], v[1], v[2]
+    least = 1e300
+    bound = h * h
+    for _ in range(8):
+        q, _ = nearest(brr_tri, brr_box, x, y, z, -1, bound, stack, lower)
+        if q < 0:
+            break
+        _, x, y, z = closest(brr_tri, q, x, y, z)
+        if least > 1e299:
+            s, _ = nearest_or_walk(tri, corner, ring_start, ring, box, x, y, z, s, stack, lower)
+        k, d2, fx, fy, fz = walk(tri, corner, ring_start, ring, s, x, y, z)
+        e = np.sqrt(d2)
+        if abs(e - r) < least:
+            least = abs(e - r)
+            s = k
+            v[0], v[1], v[2] = x, y, z
+        if abs(e - r) < 2e-3:
+            break
+        # Newton's step on the plane of the region, damped where that runs along the level.
+        gx, gy, gz = -tri[k, 9], -tri[k, 10], -tri[k, 11]
+        if e > 1e-9:
+            gx, gy, gz = (x - fx) / e, (y - fy) / e, (z - fz) / e
+        nx, ny, nz = brr_tri[q, 9], brr_tri[q, 10], brr_tri[q, 11]
+        along = gx * nx + gy * ny + gz * nz
+        gx, gy, gz = gx - along * nx, gy - along * ny, gz - along * nz
+        f = (r - e) / (gx * gx + gy * gy + gz * gz + 1e-2)
+        x, y, z = x + f * gx, y + f * gy, z + f * gz
+        bound = max(0.25 * h * h, 4.0 * (r - e) * (r - e))
     return s
 
 
@@ -599,9 +630,9 @@ def make_vertices(
                                     break
                             # Where another sheet is about, make sure that it is not nearer.
                             if least < 0.9:
-                                hint = settle(
-                                    tri, corner, ring_start, ring, brr_tri, brr_box, origin, h, r,
-                                    slot, corner_step, hint, False, v, stack, lower,
+                                hint = settle_about(
+                                    tri, corner, ring_start, ring, r, slot, origin, h, corner_step,
+                                    hint, v,
                                 )  # fmt: skip
                         else:
                             wall_count = 0
@@ -627,10 +658,16 @@ def make_vertices(
                                 brr_tri, brr_corner, brr_start, brr_ring, brr_box,
                                 sheets, normals, limits, kinds, walls, wall_count, h, r, v, stack, lower,
                             )  # fmt: skip
-                            hint = settle(
-                                tri, corner, ring_start, ring, brr_tri, brr_box, origin, h, r,
-                                slot, corner_step, hint, beyond > 0, v, stack, lower,
-                            )  # fmt: skip
+                            if beyond > 0:
+                                hint = settle_rim(
+                                    tri, corner, ring_start, ring, box, brr_tri, brr_box, h, r,
+                                    hint, v, stack, lower,
+                                )  # fmt: skip
+                            else:
+                                hint = settle_about(
+                                    tri, corner, ring_start, ring, r, slot, origin, h, corner_step,
+                                    hint, v,
+                                )  # fmt: skip
                         position[vertex, 0] = v[0]
                         position[vertex, 1] = v[1]
                         position[vertex, 2] = v[2]
