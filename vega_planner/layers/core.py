@@ -27,6 +27,7 @@ from vega_planner.layers.contour import Sheet
 from vega_planner.layers.distance_field import DistanceField
 from vega_planner.layers.grid import Grid
 from vega_planner.layers.subdivide import split_long_edges
+from vega_planner.layers.summits import low_pieces
 from vega_planner.parallel import map_threads
 
 #: Pieces of a level set up to this width, in t, count as slivers that a grid may lose.
@@ -47,6 +48,9 @@ STAYING_RATIO = 0.006
 
 #: A connected piece of which this share is a sliver is made anew.
 SLIVER_SHARE = 0.8
+
+#: Pieces below this area, in t², are asked how far they rise over their level.
+SMALL_RATIO = 2.7
 
 #: Sheets of the core end this far from the surface, in their depth: between the corners
 #: their round ends leave open and what bulges out.
@@ -145,16 +149,15 @@ def fill_core(
     walls, (gap, _) = fronts[0], gaps[0]
     spread = _spread(walls)
     _add(cores, field, walls, gap < MIDDLE_RATIO * t, spread, 0.0, True, t)
-    leaving = [(np.zeros(len(sheet.faces), bool),) * 2 for sheet in sheets]
-    if moving:
-        leaving = _leaving(fronts[1:], gaps[1:], t, sliver, staying_ratio * part.volume)
+    budget = staying_ratio * part.volume
+    leaving = _leaving(fronts[1:], gaps[1:], t, sliver, budget, moving, grid.spacing, field, brr)
     for k, (front, (gap, opposed)) in enumerate(zip(fronts[1:], gaps[1:])):
+        moved, slivers = leaving[k]
+        kept[k] &= ~moved & ~slivers
         own = gap < t / 2
         if not own.any():
             continue
         spread = _spread(front)
-        moved, slivers = leaving[k]
-        kept[k] &= ~moved & ~slivers
         last[k] = _add(cores, field, front, moved, spread, k * t, False, t)
         own &= kept[k]
         wide = own & opposed & (gap >= t / 4)
@@ -209,7 +212,15 @@ def _join_core(
 
 
 def _leaving(
-    fronts: list[Front], gaps: list[tuple[Floats, Bools]], t: float, sliver: float, budget: float
+    fronts: list[Front],
+    gaps: list[tuple[Floats, Bools]],
+    t: float,
+    sliver: float,
+    budget: float,
+    moving: bool,
+    h: float,
+    field: DistanceField,
+    brr: DistanceField | None,
 ) -> list[tuple[Bools, Bools]]:
     """Choose the connected pieces of sheets that leave them. No piece is ever cut.
 
@@ -222,6 +233,10 @@ def _leaving(
         t: Layer thickness [mm].
         sliver: Half the width of a sliver [mm].
         budget: Volume left open or laid twice [mm³].
+        moving: Whether pieces move; slivers leave in any case, since a grid may lose them.
+        h: Grid spacing [mm].
+        field: Distances to S.
+        brr: Distances to the restraint region, or None.
 
     Returns:
         For each sheet the faces of pieces that move to the middle of their room, and
@@ -242,6 +257,14 @@ def _leaving(
         leaves = np.bincount(piece, areas * own, count) > MOVING_SHARE * total
         thin = own & (gap + t < t / 2 + sliver)
         narrow = leaves & (np.bincount(piece, areas * thin, count) > SLIVER_SHARE * total)
+        small = np.flatnonzero((total < SMALL_RATIO * t * t) & ~narrow)
+        if len(small):
+            starts = np.column_stack(
+                [np.bincount(piece, areas * x, count) for x in _middles(front).T]
+            )[small] / np.maximum(total[small, None], 1e-12)
+            low = low_pieces(starts, (k + 0.5) * t + sliver, h, field, brr)
+            narrow[small[low]] = True
+        leaves = narrow | (leaves & moving)
         candidates = np.flatnonzero(leaves & ~narrow)
         if deeper and leaves.all() and len(candidates):
             harm = np.bincount(piece, areas * np.where(own, np.abs(gap), 0.0) / 2, count)
@@ -267,6 +290,10 @@ def connected_pieces(count: int, faces: Ints) -> Ints:
     first, second = faces[:, [0, 1]].ravel(), faces[:, [1, 2]].ravel()
     links = coo_matrix((np.ones(len(first)), (first, second)), shape=(count, count))
     return np.asarray(connected_components(links, directed=False)[1][faces[:, 0]], np.int64)
+
+
+def _middles(front: Front) -> Floats:
+    return np.asarray(front.vertices[front.faces].mean(1))
 
 
 def _areas(front: Front) -> Floats:

@@ -10,13 +10,14 @@ import numpy as np
 from vega_planner.datatypes import Bools, Floats, Ints, Layer, LayerStack, Part
 from vega_planner.errors import BadRestraint, NoLayers
 from vega_planner.layers.contour import Sheet, contour_levels
-from vega_planner.layers.core import Core, fill_core
+from vega_planner.layers.core import SLIVER_RATIO, Core, fill_core
 from vega_planner.layers.coverage import coverage_ratios
 from vega_planner.layers.distance_field import DistanceField
 from vega_planner.layers.folds import folded_ears
 from vega_planner.layers.geodesic import Sources, bend_distances, is_convex_at_region
 from vega_planner.layers.grid import finish, sample_part
 from vega_planner.layers.refine import refine_sheet
+from vega_planner.layers.summits import with_summits
 from vega_planner.parallel import map_threads
 from vega_planner.progress import Report
 from vega_planner.settings import LayerSettings
@@ -103,6 +104,8 @@ def field_layers(part: Part, settings: LayerSettings, report: Report) -> LayerSt
             )
     finish(grid, sources.tri, brr, t / 2, t)
     sheets = contour_levels(grid, sources, brr, t / 2, t)
+    if len(sources.box):
+        sheets = with_summits(grid, field, brr, sheets, t, SLIVER_RATIO * t / 2)
     sheets = map_threads(lambda sheet: refine_sheet(sheet, sources, brr), sheets)
     core = Core.nothing(sheets, t)
     if settings.fill_core:
