@@ -422,7 +422,7 @@ def _measure(
     count = len(feet)
     room, kind = np.full(count, np.inf), np.zeros(count, np.int64)
     feet, inward = np.ascontiguousarray(feet), np.ascontiguousarray(inward, np.float64)
-    brr_tri = brr.tri if brr else np.zeros((0, 13))
+    brr_tri = brr.tri if brr else np.zeros((0, 16))
     brr_box = brr.box if brr else np.zeros((1, 6))
     for first in range(0, count, _CHUNK):
         kernels.measure_room(

@@ -34,6 +34,7 @@ from vega_planner.toolpaths.linking import Pass, attach_lines, link_lines, link_
 from vega_planner.toolpaths.planar import concentric_lines, is_flat, parallel_lines
 from vega_planner.toolpaths.polyline_kernels import line_length, resample
 from vega_planner.toolpaths.rim import Ground, ground_of
+from vega_planner.toolpaths.sequence import shortest_sequence
 from vega_planner.toolpaths.smoothing_kernels import smooth_axes, without_crowding
 from vega_planner.toolpaths.spiral import spiral_passes
 from vega_planner.toolpaths.surface import connect
@@ -270,19 +271,12 @@ def _calm(item: Pass) -> Floats:
 def _in_order(
     found: list[list[Pass]], patches: tuple[Patch, ...], settings: ToolpathSettings
 ) -> list[Toolpath]:
-    """Choose the end each pass starts at, nearest to where the one before ended."""
+    """Put the passes of each patch in order, from where the one before ended."""
     paths: list[Toolpath] = []
     at: Floats | None = None
     for index, group in enumerate(found):
-        waiting = list(group)
-        while waiting:
-            n, backwards = 0, False
-            if at is not None:
-                heads = [float(np.linalg.norm(w.rows[0, POSITION] - at)) for w in waiting]
-                tails = [float(np.linalg.norm(w.rows[-1, POSITION] - at)) for w in waiting]
-                n = int(np.argmin(np.minimum(heads, tails)))
-                backwards = tails[n] < heads[n]
-            item = waiting.pop(n)
+        for n, backwards in shortest_sequence(group, at):
+            item = group[n]
             rise = float(item.rows[-1, POSITION][2] - item.rows[0, POSITION][2])
             if abs(rise) > _CLIMB_MM:
                 # the nozzle stands steep beside a wall: upwards, it stays above what is there

@@ -103,8 +103,8 @@ def zigzag_lines(
         rim = measure_rim(surface, patch, spacing, ground, limit=3 * spacing)
         room = np.minimum(rim.distance - rim.filled + spacing, room)
         if float(room.max()) < 1.6 * spacing:
-            lines, _ = contour_lines(surface, patch, spacing, ground=ground)
-            return Zigzag(lines, [], [], vertex_values(patch, spacing, room))
+            narrow, _ = contour_lines(surface, patch, spacing, ground=ground)
+            return Zigzag(narrow, [], [], vertex_values(patch, spacing, room))
         levels = off_levels(np.minimum(rim.levels(spacing), 3.0))
         values = vertex_values(patch, rim.cells(spacing), room)
         loops = cornered(isolines(surface, levels, values, 0), spacing)
