@@ -4,12 +4,13 @@
 Plans a shipped part unless its result is there, opens the viewer in a browser without a
 screen, and goes through it as a person would.
 
-    python tools/screenshots.py [--out docs/pictures] [--plan out/part1_dome]
+    python tools/screenshots.py [--out docs/pictures] [--plan out/part1_dome] [--part PART]
 """
 
 from __future__ import annotations
 
 import argparse
+import io
 import sys
 import time
 from collections.abc import Callable
@@ -20,7 +21,9 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / "tools")]
 
 PART = ROOT / "parts" / "part1_dome.stl"
-SIZE = {"width": 1200, "height": 760}
+SIZE = {"width": 1100, "height": 680}
+#: Longest time until the picture stands still [s].
+PATIENCE_S = 30.0
 
 
 def main() -> int:
@@ -28,6 +31,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "pictures")
     parser.add_argument("--plan", type=Path, default=ROOT / "out" / "part1_dome")
+    parser.add_argument("--part", type=Path, default=PART, help="mesh whose region is chosen")
     options = parser.parse_args()
     from playwright.sync_api import sync_playwright
     from setup_browser import FLAGS, find_browser
@@ -40,7 +44,7 @@ def main() -> int:
     options.out.mkdir(parents=True, exist_ok=True)
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=path, headless=True, args=list(FLAGS))
-        for target, steps in ((PART, of_the_region), (plan, of_the_plan)):
+        for target, steps in ((options.part, of_the_region), (plan, of_the_plan)):
             show(browser, target, steps, options.out)
         browser.close()
     return 0
@@ -69,7 +73,7 @@ def show(browser: Any, target: Path, steps: Callable[..., None], out: Path) -> N
         notice = page.get_by_text("Software WebGL rendering detected")
         notice.wait_for()
         page.locator(".mantine-Notification-closeButton").first.click()
-        settle(3.0)
+        until(lambda: viewer.picture.has_robot)
         steps(viewer, page, out)
         page.close()
 
@@ -77,47 +81,51 @@ def show(browser: Any, target: Path, steps: Callable[..., None], out: Path) -> N
 def of_the_region(viewer: Any, page: Any, out: Path) -> None:
     """The restraint region, its SPEC, and the layers it leads to."""
     viewer.controls.show_robot.value = False
-    come_closer(viewer, 0.6)
-    viewer._region_changed()
-    while "Working" in viewer.controls.pointed.content:
-        settle(0.2)
+    viewer.picture.refresh()
+    viewer.region.changed()
+    until(lambda: "Working" not in viewer.controls.pointed.content)
     save(page, out / "viewer_region.png")
 
 
 def of_the_plan(viewer: Any, page: Any, out: Path) -> None:
-    """The print half-way, and a section through all layers."""
-    duration = viewer.result.timeline.duration_s
-    viewer.controls.time.value = round(0.75 * duration, 1)
-    viewer.set_time(0.75 * duration)
-    save(page, out / "viewer_print.png")
-    viewer.controls.time.value = viewer.controls.time.max
-    viewer.set_time(duration)
-    viewer.controls.cut.value = "cut at y"
-    viewer.controls.show_robot.value = False
-    viewer.controls.show_path.value = False
-    viewer._redraw()
-    come_closer(viewer, 0.6)
+    """A section through all layers, and the print in progress."""
+    controls, picture = viewer.controls, viewer.picture
+    controls.cut.value = "cut at y"
+    controls.show_robot.value = False
+    picture.redraw()
     page.get_by_role("tab", name="Result").click()
-    save(page, out / "viewer_section.png")
-
-
-def come_closer(viewer: Any, share: float) -> None:
-    """Move every camera towards the part, to a share of its distance."""
-    for client in viewer._server.get_clients().values():
-        camera = client.camera
-        camera.position = camera.look_at + share * (camera.position - camera.look_at)
+    save(page, out / "viewer_plan.png")
+    controls.cut.value = "whole"
+    controls.show_robot.value = True
+    picture.redraw()
+    time_s = round(0.6 * picture.result.timeline.duration_s, 1)
+    controls.time.value = time_s
+    viewer.set_time(time_s)
+    page.get_by_role("tab", name="Show").click()
+    save(page, out / "viewer_print.png")
 
 
 def save(page: Any, path: Path) -> None:
     """Wait until the picture stands still, then keep it."""
-    settle(4.0)
-    page.screenshot(path=str(path))
+    from PIL import Image
+
+    time.sleep(0.5)
+    shots = [b"", page.screenshot()]
+    end = time.monotonic() + PATIENCE_S
+    while shots[-1] != shots[-2] and time.monotonic() < end:
+        time.sleep(0.5)
+        shots.append(page.screenshot())
+    Image.open(io.BytesIO(shots[-1])).convert("RGB").save(path, optimize=True)
     print(f"screenshots: {path}", flush=True)
 
 
-def settle(seconds: float) -> None:
-    """Let the browser draw."""
-    time.sleep(seconds)
+def until(claim: Callable[[], bool]) -> None:
+    """Wait until a claim holds."""
+    end = time.monotonic() + PATIENCE_S
+    while not claim():
+        if time.monotonic() > end:
+            raise SystemExit("screenshots: waited in vain")
+        time.sleep(0.1)
 
 
 if __name__ == "__main__":

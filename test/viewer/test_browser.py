@@ -100,20 +100,20 @@ def test_a_click_on_a_side_becomes_a_spec_that_selects_that_side_again(
         viewer.controls.preview.value = False
         tab = new_tab()
         tab.button("Plan").wait_for()
-        before = viewer.picks.faces.copy()
+        before = viewer.region.picks.faces.copy()
         point, face = visible_point(viewer, (0, -1, 0.1))
         viewer.controls.show_robot.value = False
-        viewer._refresh()
+        viewer.picture.refresh()
         without = region_pixels(tab)
-        click_on(viewer, tab, point, until, lambda: viewer.picks.faces[face])
+        click_on(viewer, tab, point, until, lambda: viewer.region.picks.faces[face])
         until(lambda: region_pixels(tab) > without + 1000)
         front = viewer.part.face_normals[:, 1] < -0.9
-        assert (viewer.picks.faces == before | front).all()
-        again = load_part(box, PartSettings(brr=viewer.picks.specs))
-        assert (again.restrained == viewer.picks.faces).all()
+        assert (viewer.region.picks.faces == before | front).all()
+        again = load_part(box, PartSettings(brr=viewer.region.picks.specs))
+        assert (again.restrained == viewer.region.picks.faces).all()
         tab.says("--brr point:")
-        click_on(viewer, tab, point, until, lambda: not viewer.picks.faces[face])
-        assert (viewer.picks.faces == before).all()
+        click_on(viewer, tab, point, until, lambda: not viewer.region.picks.faces[face])
+        assert (viewer.region.picks.faces == before).all()
 
 
 def test_single_faces_go_into_a_file_that_the_command_names(
@@ -129,10 +129,10 @@ def test_single_faces_go_into_a_file_that_the_command_names(
         tab.button("Plan").wait_for()
         viewer.controls.click.value = panel.PICK_FACE
         point, face = visible_point(viewer, (0, 0, 1))
-        click_on(viewer, tab, point, until, lambda: viewer.picks.faces[face])
+        click_on(viewer, tab, point, until, lambda: viewer.region.picks.faces[face])
         tab.says("--brr faces:")
-        again = load_part(box, PartSettings(brr=viewer.picks.specs))
-        assert (again.restrained == viewer.picks.faces).all()
+        again = load_part(box, PartSettings(brr=viewer.region.picks.specs))
+        assert (again.restrained == viewer.region.picks.faces).all()
 
 
 def test_plan_print_pause_resume_reload_and_stop(
@@ -144,26 +144,26 @@ def test_plan_print_pause_resume_reload_and_stop(
     with open_tabs(box, job) as (viewer, new_tab):
         tab = new_tab()
         tab.press("Plan")
-        until(lambda: viewer.result is not None and not viewer.planning, seconds=120)
+        until(lambda: viewer.result is not None and not viewer.jobs.planning, seconds=120)
         assert job.planned_with.part.brr == ("down",)
         sheets = len(viewer.result.sheets)
         assert sheets >= 5
-        assert viewer.visible_layers == set(range(sheets))
+        assert viewer.picture.visible_layers == set(range(sheets))
         tab.page.get_by_role("tab", name="Result").click()
         tab.says("print time")
         tab.press("Print")
         tab.says("left")
-        until(lambda: viewer.state.path_time_s > 0)
+        until(lambda: viewer.jobs.state.path_time_s > 0)
         assert not tab.button("Plan").is_visible()
         tab.press("Pause")
         tab.button("Resume").wait_for()
-        held = viewer.state.path_time_s
+        held = viewer.jobs.state.path_time_s
         tab.page.reload()
         tab.button("Resume").wait_for()
         tab.says("paused")
-        until(lambda: viewer.visible_layers == _begun(viewer, held))
+        until(lambda: viewer.picture.visible_layers == _begun(viewer, held))
         tab.press("Resume")
-        until(lambda: viewer.state.path_time_s > held)
+        until(lambda: viewer.jobs.state.path_time_s > held)
         tab.press("Stop")
         tab.button("Print").wait_for()
         assert job.calls == ["plan", "print", "pause", "resume", "stop"]
@@ -185,8 +185,8 @@ def test_a_second_person_is_told_and_shares_the_view(open_tabs, sample, until):
         box = second.page.locator("input[type=text]:visible").first
         box.fill("100")
         box.press("Enter")
-        until(lambda: viewer._time_s == 100.0)
-        assert viewer.visible_layers == _begun(viewer, 100.0)
+        until(lambda: viewer.picture.time_s == 100.0)
+        assert viewer.picture.visible_layers == _begun(viewer, 100.0)
         second.page.close()
         until(lambda: "2 viewers" not in viewer.controls.status.content)
 
@@ -217,16 +217,16 @@ def test_a_spec_that_selects_nothing_is_refused_in_words(open_tabs, box, until):
         viewer.controls.preview.value = False
         tab = new_tab()
         tab.button("Plan").wait_for()
-        before = viewer.picks.faces.copy()
+        before = viewer.region.picks.faces.copy()
         field = tab.page.locator("xpath=//*[text()='SPECs']/following::input[1]")
         field.fill("nonsense:1")
         tab.press("Use these SPECs")
         tab.says("is not known; choices")
-        assert (viewer.picks.faces == before).all()
+        assert (viewer.region.picks.faces == before).all()
         field.fill("normal:0,0,1 down")
         tab.press("Use these SPECs")
-        until(lambda: viewer.picks.specs == ("normal:0,0,1", "down"))
-        assert (viewer.picks.faces == (abs(viewer.part.face_normals[:, 2]) > 0.9)).all()
+        until(lambda: viewer.region.picks.specs == ("normal:0,0,1", "down"))
+        assert (viewer.region.picks.faces == (abs(viewer.part.face_normals[:, 2]) > 0.9)).all()
 
 
 def test_the_resulting_layers_follow_a_pick(open_tabs, box, until, tmp_path, monkeypatch):
@@ -236,7 +236,7 @@ def test_the_resulting_layers_follow_a_pick(open_tabs, box, until, tmp_path, mon
         tab = new_tab()
         tab.button("Plan").wait_for()
         point, _ = visible_point(viewer, (0, -1, 0.1))
-        click_on(viewer, tab, point, until, lambda: viewer.visible_layers)
+        click_on(viewer, tab, point, until, lambda: viewer.picture.visible_layers)
         tab.says("core layers")
-        low = viewer._sheets[0].vertices[:, 1].min()
+        low = viewer.picture.sheets[0].vertices[:, 1].min()
         assert low == pytest.approx(viewer.part.vertices[:, 1].min(), abs=0.2)

@@ -11,12 +11,14 @@ import pytest
 import trimesh
 
 from vega_planner.errors import BadRobot
+from vega_planner.viewer.colours import speed_colours
 from vega_planner.viewer.glb import lines_glb, shaded_glb, triangles_glb
 from vega_planner.viewer.level_of_detail import clustered, kept_rows
 from vega_planner.viewer.path_view import cut_into_pieces
 from vega_planner.viewer.result_folder import faces_in_common, read_result
 from vega_planner.viewer.robot_model import quaternion_wxyz, read_robot_model
 from vega_planner.viewer.timeline import row_times
+from vega_planner.viewer.tip_speed import tip_speeds
 
 BALL = trimesh.creation.icosphere(4, 10.0)
 
@@ -183,3 +185,28 @@ def test_faces_in_common_are_those_that_were_cut_out():
     used, flat = np.unique(BALL.faces[chosen], return_inverse=True)
     found = faces_in_common(BALL.vertices, BALL.faces, BALL.vertices[used], flat.reshape(-1, 3))
     assert (found == chosen).all()
+
+
+def test_the_speed_of_the_tip_is_told_along_each_pass():
+    """A pass at 5 mm/s that halves its speed after 6 of its 10 mm; travel has none."""
+    way = np.concatenate([np.linspace(0, 6, 61), np.linspace(6, 10, 81)[1:]])
+    tips = np.column_stack([way, np.zeros((len(way), 2))])
+    tips = np.concatenate([tips, [[10, 20, 0]], tips + np.array([0, 20, 0])])
+    times = np.concatenate([np.arange(len(way)) * 0.02, [3.0], 4 + np.arange(len(way)) * 0.04])
+    sample_path = np.concatenate([np.zeros(len(way)), [-1], np.ones(len(way))]).astype(int)
+    row = np.column_stack([np.linspace(0, 10, 21), np.zeros((21, 2))])
+    points = np.concatenate([row, [[10, 20, 0]], row + np.array([0, 20, 0])])
+    path_id = np.repeat([0, -1, 1, 2], [21, 1, 19, 2])
+    speeds = tip_speeds(points, path_id, tips, times, sample_path)
+    assert speeds[:12] == pytest.approx(5.0)
+    assert speeds[14:21] == pytest.approx(2.5)
+    assert speeds[21] == 0.0
+    assert speeds[22] == pytest.approx(2.5)
+    assert (speeds[-2:] == 0.0).all()
+
+
+def test_slow_points_are_redder_than_fast_ones():
+    shades = speed_colours(np.array([0.0, 5.0, 5.0, 99.0]), np.array([True, True, True, False]))
+    assert shades[0, 0] > shades[1, 0]
+    assert shades[0, 2] < shades[1, 2]
+    assert (shades[1] == shades[2]).all()

@@ -86,7 +86,7 @@ def contour_levels(
     else:
         none = np.zeros(0, np.int32)
         brr_set = (
-            np.zeros((0, 13)), np.zeros((0, 3), np.int32), np.zeros(1, np.int64), none,
+            np.zeros((0, 16)), np.zeros((0, 3), np.int32), np.zeros(1, np.int64), none,
             np.zeros((1, 6)),
         )  # fmt: skip
     base = np.zeros(len(state) + 1, np.int64)

@@ -41,6 +41,13 @@ MIDDLE_RATIO = 0.64
 #: A connected piece of a sheet moves whole where this share of it has no room of t.
 MOVING_SHARE = 0.3
 
+#: Share of the volume that pieces with a deeper level behind them may leave open or lay
+#: twice before they move.
+STAYING_RATIO = 0.006
+
+#: Faces of the next level that are asked which piece they follow.
+FOLLOWERS = 4000
+
 #: A connected piece of which this share is a sliver is made anew.
 SLIVER_SHARE = 0.8
 
@@ -133,25 +140,24 @@ def fill_core(
     walls, (gap, _) = fronts[0], gaps[0]
     spread = _spread(walls)
     _add(cores, field, walls, gap < MIDDLE_RATIO * t, spread, 0.0, True, t)
+    leaving = [(np.zeros(len(sheet.faces), bool),) * 2 for sheet in sheets]
+    if moving:
+        leaving = _leaving(fronts[1:], gaps[1:], t, sliver, STAYING_RATIO * part.volume)
     for k, (front, (gap, opposed)) in enumerate(zip(fronts[1:], gaps[1:])):
         own = gap < t / 2
         if not own.any():
             continue
         spread = _spread(front)
-        if moving:
-            moved, slivers = _leaving(front, gap, own, t, sliver)
-            if (moved | slivers).all() and k + 1 < len(sheets):
-                # A deeper layer follows: what has its full room stays, so that no layer
-                # of the stack is empty.
-                moved &= own
-            kept[k] &= ~moved & ~slivers
-            last[k] = _add(cores, field, front, moved, spread, k * t, False, t)
-            own &= kept[k]
+        moved, slivers = leaving[k]
+        kept[k] &= ~moved & ~slivers
+        last[k] = _add(cores, field, front, moved, spread, k * t, False, t)
+        own &= kept[k]
         wide = own & opposed & (gap >= t / 4)
         _add(cores, field, front, wide, spread, (k + 1) * t, True, t)
         narrow = np.unique(front.faces[own & ~wide])
-        free = np.where(np.isfinite(spread), spread - k * t, t)
-        thickness[k][narrow] = np.clip(free[narrow], t / 2, 1.25 * t)
+        free = np.where(np.isfinite(spread), spread - k * t, t)[narrow]
+        # Rather a little too much than a gap.
+        thickness[k][narrow] = np.clip(free + 0.6 * np.abs(t - free), t / 2, 1.5 * t)
     for front, (gap, _) in zip(fronts, gaps):
         k = front.level + 1
         following = (gap >= t / 2) & (gap < t / 2 + sliver)
@@ -170,32 +176,99 @@ def fill_core(
                     gone = DistanceField(vertices, faces).distances(ahead[rows]) > t / 2
                     following[rows] = gone
         _add(cores, field, front, following, _spread(front), k * t, False, t)
+    _join_core(cores, sheets, thickness, kept)
     return Core(tuple(cores), tuple(thickness), tuple(kept))
 
 
+def _join_core(
+    cores: list[Layer], sheets: list[Sheet], thickness: list[Floats], kept: list[Bools]
+) -> None:
+    """Let the core begin where a whole level has moved into it: what is deeper follows."""
+    begun = False
+    for k, sheet in enumerate(sheets):
+        begun = begun or not kept[k].any()
+        if not begun or not kept[k].any():
+            continue
+        used, numbers = np.unique(sheet.faces[kept[k]], return_inverse=True)
+        cores.append(
+            Layer(
+                index=len(cores),
+                kind="core",
+                depth_mm=sheet.depth,
+                vertices=sheet.vertices[used],
+                faces=numbers.reshape(-1, 3),
+                thickness=thickness[k][used],
+            )
+        )
+        kept[k][:] = False
+
+
 def _leaving(
-    front: Front, gap: Floats, own: Bools, t: float, sliver: float
-) -> tuple[Bools, Bools]:
-    """Choose the connected pieces of a sheet that leave it, whole.
+    fronts: list[Front], gaps: list[tuple[Floats, Bools]], t: float, sliver: float, budget: float
+) -> list[tuple[Bools, Bools]]:
+    """Choose the connected pieces of sheets that leave them. No piece is ever cut.
+
+    A piece behind which the next level goes on stays, as long as what such pieces leave
+    open or lay twice keeps within a budget; beyond it the worst of them move.
+
+    Args:
+        fronts: The sheets with their rooms.
+        gaps: Gap behind each of their faces.
+        t: Layer thickness [mm].
+        sliver: Half the width of a sliver [mm].
+        budget: Volume [mm³].
 
     Returns:
-        Faces of pieces that move to the middle of their room, and faces of slivers,
-        which are made anew from the layer before.
+        For each sheet the faces of pieces that move to the middle of their room, and
+        faces of slivers, which are made anew from the layer before.
     """
+    moves: list[Bools] = []
+    hesitant: list[tuple[float, int, int]] = []
+    pieces: list[Ints] = []
+    result = []
+    for k, (front, (gap, _)) in enumerate(zip(fronts, gaps)):
+        own = gap < t / 2
+        piece = connected_pieces(len(front.vertices), front.faces)
+        areas = _areas(front)
+        total = np.bincount(piece, areas)
+        count = len(total)
+        leaves = np.bincount(piece, areas * own, count) > MOVING_SHARE * total
+        thin = own & (gap + t < t / 2 + sliver)
+        narrow = np.bincount(piece, areas * thin, count) > SLIVER_SHARE * total
+        followed = np.zeros(count, bool)
+        if leaves.any() and k + 1 < len(fronts) and len(fronts[k + 1].faces):
+            ahead = fronts[k + 1]
+            some = np.unique(ahead.faces[:: max(1, len(ahead.faces) // FOLLOWERS)])
+            behind = ahead.vertices[some] - t * ahead.inward[some]
+            followed[piece[DistanceField(front.vertices, front.faces).nearest(behind).faces]] = 1
+        amount = np.bincount(piece, areas * np.where(own, np.abs(gap), 0.0) / 2, count)
+        for number in np.flatnonzero(leaves & ~narrow & followed):
+            hesitant.append((float(amount[number]), k, int(number)))
+        moves.append(leaves & ~narrow & ~followed)
+        pieces.append(piece)
+        result.append((leaves & narrow)[piece])
+    left = sum(amount for amount, _, _ in hesitant)
+    for amount, k, number in sorted(hesitant, reverse=True):
+        if left <= budget:
+            break
+        moves[k][number] = True
+        left -= amount
+    return [(move[piece], slivers) for move, piece, slivers in zip(moves, pieces, result)]
+
+
+def connected_pieces(count: int, faces: Ints) -> Ints:
+    """Number the connected pieces of a mesh: the piece of each face, shape (m,)."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
 
-    count = len(front.vertices)
-    first, second = front.faces[:, [0, 1]].ravel(), front.faces[:, [1, 2]].ravel()
+    first, second = faces[:, [0, 1]].ravel(), faces[:, [1, 2]].ravel()
     links = coo_matrix((np.ones(len(first)), (first, second)), shape=(count, count))
-    piece = connected_components(links, directed=False)[1][front.faces[:, 0]]
+    return np.asarray(connected_components(links, directed=False)[1][faces[:, 0]], np.int64)
+
+
+def _areas(front: Front) -> Floats:
     a, b, c = (front.vertices[front.faces[:, n]] for n in range(3))
-    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
-    total = np.bincount(piece, areas)
-    leaving = np.bincount(piece, areas * own, len(total)) > MOVING_SHARE * total
-    thin = own & (gap + t < t / 2 + sliver)
-    narrow = np.bincount(piece, areas * thin, len(total)) > SLIVER_SHARE * total
-    return (leaving & ~narrow)[piece], (leaving & narrow)[piece]
+    return np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
 
 
 def sheet_front(
@@ -319,7 +392,7 @@ def _measure(
     count = len(feet)
     room, kind = np.full(count, np.inf), np.zeros(count, np.int64)
     feet, inward = np.ascontiguousarray(feet), np.ascontiguousarray(inward, np.float64)
-    brr_tri = brr.tri if brr else np.zeros((0, 13))
+    brr_tri = brr.tri if brr else np.zeros((0, 16))
     brr_box = brr.box if brr else np.zeros((1, 6))
     for first in range(0, count, _CHUNK):
         kernels.measure_room(
@@ -351,9 +424,7 @@ def _amount(fronts: list[Front], gaps: list[tuple[Floats, Bools]], t: float) -> 
             continue
         filled = opposed & (gap >= t / 4)
         off = np.where((gap < t / 2) & ~filled, np.abs(gap) / 2, 0.0)
-        a, b, c = (front.vertices[front.faces[:, n]] for n in range(3))
-        areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
-        total += float((areas * off).sum())
+        total += float((_areas(front) * off).sum())
     return total
 
 
@@ -453,14 +524,8 @@ def one_side(points: Floats, faces: Ints, inward: Floats, reach: float) -> Ints:
     Returns:
         The faces that stay.
     """
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
     face_inward = inward[faces].mean(1)
-    first, second = faces[:, [0, 1]].ravel(), faces[:, [1, 2]].ravel()
-    shape = (len(points), len(points))
-    links = coo_matrix((np.ones(len(first)), (first, second)), shape=shape)
-    piece = connected_components(links, directed=False)[1][faces[:, 0]]
+    piece = connected_pieces(len(points), faces)
     for label in np.unique(piece):
         mine = face_inward[piece == label]
         axis = np.linalg.eigh(mine.T @ mine)[1][:, 2]

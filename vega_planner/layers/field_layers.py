@@ -13,6 +13,7 @@ from vega_planner.layers.contour import Sheet, contour_levels
 from vega_planner.layers.core import Core, fill_core
 from vega_planner.layers.coverage import coverage_ratios
 from vega_planner.layers.distance_field import DistanceField
+from vega_planner.layers.folds import folded_ears
 from vega_planner.layers.geodesic import Sources, bend_distances, is_convex_at_region
 from vega_planner.layers.grid import finish, sample_part
 from vega_planner.layers.refine import refine_sheet
@@ -99,7 +100,8 @@ def field_layers(part: Part, settings: LayerSettings, report: Report) -> LayerSt
         core = fill_core(part, grid, field, brr, sheets, t)
     layers = []
     for k, sheet in enumerate(sheets):
-        vertices, faces, thickness = kept_faces(sheet, core.kept[k], core.thickness[k])
+        kept = core.kept[k] & ~folded_ears(sheet.vertices, sheet.faces)
+        vertices, faces, thickness = kept_faces(sheet, kept, core.thickness[k])
         layers.append(
             Layer(
                 index=k,

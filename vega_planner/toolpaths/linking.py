@@ -152,23 +152,30 @@ def link_lines(
 ) -> list[Pass]:
     """Join the rim's loops and the lines inside them into passes, back and forth.
 
+    Each piece of the patch begins at one side with its rim, which is opened there, and
+    goes on with the line next to it, so that it ends at the other side.
+
     Args:
         loops: Loops along the rim.
         lines: Lines inside.
         guides: Curves that longer links follow.
         spacing: Distance between lines [mm].
         longest: Longest link [mm].
-        toward: Horizontal direction in which the first pass starts, shape (3,).
+        toward: Horizontal direction in which loops without lines inside start, shape (3,).
 
     Returns:
         Passes in order.
     """
-    passes = link_loops(loops, spacing, longest, toward)
-    waiting = list(lines)
-    at = passes[-1].rows[-1] if passes else None
+    rims, waiting = list(loops), list(lines)
+    passes: list[Pass] = []
+    at: Floats | None = None
     while waiting:
-        n, forward, _ = _closest_end(waiting, at)
+        n, forward = _first_line(waiting, at)
         pieces: list[Floats] = []
+        head = waiting[n].rows[0 if forward else -1]
+        rim = _opened_rim(rims, waiting[n].component, head, spacing, longest)
+        if rim is not None:
+            pieces.append(rim)
         while True:
             line = waiting.pop(n)
             rows = line.rows
@@ -185,7 +192,81 @@ def link_lines(
                 target = waiting[n].rows[0 if forward else -1]
                 pieces.append(_along_guide(guides, at, target))
         passes.append(Pass(np.concatenate(pieces), False))
-    return passes
+    return link_loops(rims, spacing, longest, toward) + passes
+
+
+def _first_line(lines: list[Line], at: Floats | None) -> tuple[int, bool]:
+    """Choose a line at a side of what is left, and whether it is walked from its head."""
+    side = []
+    for piece in {line.component for line in lines}:
+        levels = [line.level for line in lines if line.component == piece]
+        side += [
+            n
+            for n, line in enumerate(lines)
+            if line.component == piece and line.level in (min(levels), max(levels))
+        ]
+    side.sort()
+    if at is None:
+        lowest = min(side, key=lambda n: (lines[n].component, lines[n].level))
+        return lowest, True
+    n, forward, _ = _closest_end([lines[k] for k in side], at)
+    return side[n], forward
+
+
+def _opened_rim(
+    rims: list[Line], component: int, head: Floats, spacing: float, longest: float
+) -> Floats | None:
+    """Take the loop nearest to the head of a line, opened there, out of the list."""
+    best, found = longest, None
+    for n, rim in enumerate(rims):
+        if rim.component != component or not rim.closed:
+            continue
+        distance, segment, place = nearest_on(rim.rows, True, head)
+        if distance < best:
+            best, found = distance, (n, int(segment), float(place))
+    if found is None:
+        return None
+    n, segment, place = found
+    # no link fills the slot where the loop starts: it is left narrower
+    return unroll(rims.pop(n).rows, segment, place, True, 0.0 * spacing)
+
+
+def attach_lines(
+    passes: list[Pass], lines: list[Line], longest: float, alone: float
+) -> list[Pass]:
+    """Put short lines at the ends of passes where they are near enough, else on their own.
+
+    Args:
+        passes: Passes, none of them closed.
+        lines: Open lines.
+        longest: Longest link [mm].
+        alone: A line that is near no end of a pass is left out if it is shorter [mm].
+
+    Returns:
+        The passes, some of them longer, and new ones.
+    """
+    result = list(passes)
+    waiting = list(lines)
+    while waiting:
+        best: tuple[float, int, int, bool, bool] | None = None
+        for k, item in enumerate(result):
+            if item.closed:
+                continue
+            for at_end in (True, False):
+                n, forward, distance = _closest_end(waiting, item.rows[-1 if at_end else 0])
+                if distance < longest and (best is None or distance < best[0]):
+                    best = (distance, k, n, at_end, forward)
+        if best is None:
+            line = waiting.pop(0)
+            if line_length(line.rows, False) >= alone:
+                result.append(Pass(line.rows, False))
+            continue
+        _, k, n, at_end, forward = best
+        rows = waiting.pop(n).rows
+        rows = rows if forward else rows[::-1]
+        pieces = [result[k].rows, rows] if at_end else [rows[::-1], result[k].rows]
+        result[k] = Pass(np.concatenate(pieces), False)
+    return result
 
 
 def _closest_end(lines: list[Line], at: Floats | None) -> tuple[int, bool, float]:

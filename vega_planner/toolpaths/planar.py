@@ -33,6 +33,9 @@ _LINK_ROOM = 1.35
 #: A strip narrower than twice this, in spacings, gets one line instead of two walls.
 _TWO_WALLS = 0.65
 
+#: Cosine of the tilt up to which a patch counts as printed upright (0.1 deg).
+UPRIGHT = 1 - 2e-6
+
 #: A blob between walls with more area than this, in spacings squared, gets a bead.
 _BLOB = 0.2
 
@@ -123,7 +126,7 @@ def _offset(shape: Any, distance: float) -> Any:
 
 def is_flat(patch: Patch) -> bool:
     """Tell whether a patch is horizontal and printed upright."""
-    return bool(np.ptp(patch.vertices[:, 2]) < 1e-3 and patch.tool_axes[:, 2].min() > 1 - 1e-9)
+    return bool(np.ptp(patch.vertices[:, 2]) < 1e-3 and patch.tool_axes[:, 2].min() > UPRIGHT)
 
 
 def concentric_lines(
