@@ -213,7 +213,7 @@ def _solid_difference(scan: Scan, target: Part, surface: SurfaceDistance) -> tup
 
     low = np.minimum(scan.vertices.min(0), target.bounds[0])
     high = np.maximum(scan.vertices.max(0), target.bounds[1])
-    voxel = float(max((high - low).max() / 300, np.cbrt(np.prod(high - low) / (0.1 * MOST_NODES))))
+    voxel = float(max((high - low).max() / 200, np.cbrt(np.prod(high - low) / (0.1 * MOST_NODES))))
     grid = Grid.around(low, high, voxel, 3 * voxel)
     printed = mesh_field(SurfaceDistance(scan.vertices, scan.faces), grid)
     nowhere, nothing = np.zeros(0, np.int64), np.zeros((0, SAMPLES), np.int16)
