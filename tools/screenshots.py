@@ -98,6 +98,7 @@ def of_the_plan(viewer: Any, page: Any, out: Path) -> None:
     controls.cut.value = "whole"
     controls.show_robot.value = True
     picture.redraw()
+    step_back(viewer, 1.5)
     time_s = round(0.6 * picture.result.timeline.duration_s, 1)
     controls.time.value = time_s
     viewer.set_time(time_s)
@@ -105,15 +106,24 @@ def of_the_plan(viewer: Any, page: Any, out: Path) -> None:
     save(page, out / "viewer_print.png")
 
 
+def step_back(viewer: Any, times: float) -> None:
+    """Move every camera away from what it looks at, so many times as far."""
+    for client in viewer._server.get_clients().values():
+        camera = client.camera
+        camera.position = camera.look_at + times * (camera.position - camera.look_at)
+
+
 def save(page: Any, path: Path) -> None:
     """Wait until the picture stands still, then keep it."""
     from PIL import Image
 
-    time.sleep(0.5)
-    shots = [b"", page.screenshot()]
+    time.sleep(1.0)
+    shots = [page.screenshot()]
     end = time.monotonic() + PATIENCE_S
-    while shots[-1] != shots[-2] and time.monotonic() < end:
-        time.sleep(0.5)
+    while len(shots) < 4 or len(set(shots[-3:])) > 1:
+        if time.monotonic() > end:
+            break
+        time.sleep(0.6)
         shots.append(page.screenshot())
     Image.open(io.BytesIO(shots[-1])).convert("RGB").save(path, optimize=True)
     print(f"screenshots: {path}", flush=True)
