@@ -244,7 +244,10 @@ def test_the_resulting_layers_follow_a_pick(open_tabs, box, until, tmp_path, mon
         point, _ = visible_point(viewer, (0, -1, 0.1))
         click_on(viewer, tab, point, until, lambda: viewer.picture.visible_layers)
         tab.says("core layers")
-        low = viewer.picture.sheets[0].vertices[:, 1].min()
+        sheets = viewer.picture.sheets
+        assert {sheet.kind for sheet in sheets} == {"envelope", "core"}
+        assert viewer.picture.visible_layers == set(range(len(sheets)))
+        low = sheets[0].vertices[:, 1].min()
         assert low == pytest.approx(viewer.part.vertices[:, 1].min(), abs=0.2)
 
 
