@@ -370,13 +370,17 @@ def place(
 
 
 @njit(nogil=True, cache=True)
-def nearest_of_cell(tri, corner, ring_start, ring, slot, cell, corner_step, x, y, z, hint):
-    """Find the nearest triangle to a point by walking from those of its cell's corners.
+def nearest_about(tri, corner, ring_start, ring, slot, origin, h, corner_step, x, y, z, hint):
+    """Find the nearest triangle to a point by walking from those of the nodes around it.
 
     Returns:
         Slot and squared distance, and the nearest point.
     """
     best, least, fx, fy, fz = walk(tri, corner, ring_start, ring, hint, x, y, z)
+    cell = 0
+    for axis in range(3):
+        w = x if axis == 0 else (y if axis == 1 else z)
+        cell += int((w - origin[axis]) / h) * corner_step[1 << axis]
     for c in range(8):
         s = slot[cell + corner_step[c]]
         if s < 0 or s in (hint, best):
@@ -395,12 +399,12 @@ def nearest_of_cell(tri, corner, ring_start, ring, slot, cell, corner_step, x, y
 
 
 @njit(nogil=True, cache=True)
-def settle_in_cell(tri, corner, ring_start, ring, r, slot, cell, corner_step, hint, v):
-    """Put a vertex at its depth from the nearest of all sheets about its cell."""
+def settle_in_cell(tri, corner, ring_start, ring, origin, h, r, slot, corner_step, hint, v):
+    """Put a vertex at its depth from the nearest of all sheets about it."""
     s = hint
     for _ in range(3):
-        s, d2, fx, fy, fz = nearest_of_cell(
-            tri, corner, ring_start, ring, slot, cell, corner_step, v[0], v[1], v[2], s
+        s, d2, fx, fy, fz = nearest_about(
+            tri, corner, ring_start, ring, slot, origin, h, corner_step, v[0], v[1], v[2], s
         )
         e = np.sqrt(d2)
         if abs(e - r) < 2e-3 or e < 1e-9:
@@ -635,7 +639,17 @@ def make_vertices(
                             # Where another sheet is about, make sure that it is not nearer.
                             if least < 0.9:
                                 hint = settle_in_cell(
-                                    tri, corner, ring_start, ring, r, slot, n, corner_step, hint, v
+                                    tri,
+                                    corner,
+                                    ring_start,
+                                    ring,
+                                    origin,
+                                    h,
+                                    r,
+                                    slot,
+                                    corner_step,
+                                    hint,
+                                    v,
                                 )
                         else:
                             wall_count = 0
@@ -668,7 +682,17 @@ def make_vertices(
                                 )  # fmt: skip
                             else:
                                 hint = settle_in_cell(
-                                    tri, corner, ring_start, ring, r, slot, n, corner_step, hint, v
+                                    tri,
+                                    corner,
+                                    ring_start,
+                                    ring,
+                                    origin,
+                                    h,
+                                    r,
+                                    slot,
+                                    corner_step,
+                                    hint,
+                                    v,
                                 )
                         position[vertex, 0] = v[0]
                         position[vertex, 1] = v[1]
@@ -823,3 +847,53 @@ def split_quads(
         else:
             faces[2 * q] = (a, b, e)
             faces[2 * q + 1] = (b, c, e)
+
+
+@njit(nogil=True, cache=True)
+def count_by_level(position, vertex_level, faces, used, vertex_start, face_start):
+    """Count the vertices and faces of each level, and leave out faces without an area.
+
+    A face with two corners at one place gets -1 as its first corner; `used` marks the
+    vertices of the others. The starts become running sums, level + 1 ending at start.
+    """
+    for f in range(len(faces)):
+        same = False
+        for e in range(3):
+            a, b = faces[f, e], faces[f, (e + 1) % 3]
+            same |= (
+                position[a, 0] == position[b, 0]
+                and position[a, 1] == position[b, 1]
+                and position[a, 2] == position[b, 2]
+            )
+        if same:
+            faces[f, 0] = -1
+            continue
+        for e in range(3):
+            used[faces[f, e]] = 1
+        face_start[vertex_level[faces[f, 0]] + 1] += 1
+    for v in range(len(used)):
+        if used[v]:
+            vertex_start[vertex_level[v] + 1] += 1
+    for lev in range(len(face_start) - 1):
+        face_start[lev + 1] += face_start[lev]
+        vertex_start[lev + 1] += vertex_start[lev]
+
+
+@njit(nogil=True, cache=True)
+def sort_by_level(vertex_level, faces, used, vertex_start, face_start, rows, sorted_faces):
+    """List the vertices level by level, and the faces with their numbers in that level."""
+    fill = vertex_start.copy()
+    number = np.zeros(len(used), np.int32)
+    for v in range(len(used)):
+        if used[v]:
+            lev = vertex_level[v]
+            rows[fill[lev]] = v
+            number[v] = fill[lev] - vertex_start[lev]
+            fill[lev] += 1
+    fill = face_start.copy()
+    for f in range(len(faces)):
+        if faces[f, 0] >= 0:
+            lev = vertex_level[faces[f, 0]]
+            for e in range(3):
+                sorted_faces[fill[lev], e] = number[faces[f, e]]
+            fill[lev] += 1

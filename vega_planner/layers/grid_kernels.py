@@ -231,7 +231,7 @@ def sweep(
                     for b in range(-1, 2):
                         for c in range(-1, 2):
                             m = n + (a * ny + b) * nz + c
-                            if state[m] != NONE and fixed[m] == 0 and m != n:
+                            if slot[m] != best and state[m] != NONE and fixed[m] == 0:
                                 fresh[m] = 1
     return changed
 
