@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import io
+import os
 import sys
 import time
 from collections.abc import Callable
@@ -20,7 +21,8 @@ from typing import Any
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / "tools")]
 
-PART = ROOT / "parts" / "part1_dome.stl"
+#: From the repository's root, so that the command in the picture is short.
+PART = Path("parts/part1_dome.stl")
 SIZE = {"width": 1100, "height": 680}
 #: Longest time until the picture stands still [s].
 PATIENCE_S = 30.0
@@ -40,25 +42,27 @@ def main() -> int:
     if path is None:
         print("screenshots: no Chromium found; run tools/setup_browser.py", file=sys.stderr)
         return 2
-    plan = planned(options.plan)
-    options.out.mkdir(parents=True, exist_ok=True)
+    out, plan = options.out.absolute(), options.plan.absolute()
+    part = options.part if options.part == PART else options.part.absolute()
+    os.chdir(ROOT)
+    planned(plan)
+    out.mkdir(parents=True, exist_ok=True)
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=path, headless=True, args=list(FLAGS))
-        for target, steps in ((options.part, of_the_region), (plan, of_the_plan)):
-            show(browser, target, steps, options.out)
+        for target, steps in ((part, of_the_region), (plan, of_the_plan)):
+            show(browser, target, steps, out)
         browser.close()
     return 0
 
 
-def planned(folder: Path) -> Path:
-    """The result folder of the part, made where it is missing."""
+def planned(folder: Path) -> None:
+    """Make the result folder of the part where it is missing."""
     if not (folder / "summary.json").is_file():
         from vega_planner.pipeline import plan
         from vega_planner.settings import load_settings
 
         print(f"screenshots: planning {PART.name}", flush=True)
         plan(PART, load_settings(PART.with_suffix(".yaml"))).write(folder)
-    return folder
 
 
 def show(browser: Any, target: Path, steps: Callable[..., None], out: Path) -> None:
@@ -98,6 +102,7 @@ def of_the_plan(viewer: Any, page: Any, out: Path) -> None:
     controls.cut.value = "whole"
     controls.show_robot.value = True
     picture.redraw()
+    step_back(viewer, 1.5)
     time_s = round(0.6 * picture.result.timeline.duration_s, 1)
     controls.time.value = time_s
     viewer.set_time(time_s)
@@ -105,15 +110,24 @@ def of_the_plan(viewer: Any, page: Any, out: Path) -> None:
     save(page, out / "viewer_print.png")
 
 
+def step_back(viewer: Any, times: float) -> None:
+    """Move every camera away from what it looks at, so many times as far."""
+    for client in viewer._server.get_clients().values():
+        camera = client.camera
+        camera.position = camera.look_at + times * (camera.position - camera.look_at)
+
+
 def save(page: Any, path: Path) -> None:
     """Wait until the picture stands still, then keep it."""
     from PIL import Image
 
-    time.sleep(0.5)
-    shots = [b"", page.screenshot()]
+    time.sleep(1.0)
+    shots = [page.screenshot()]
     end = time.monotonic() + PATIENCE_S
-    while shots[-1] != shots[-2] and time.monotonic() < end:
-        time.sleep(0.5)
+    while len(shots) < 4 or len(set(shots[-3:])) > 1:
+        if time.monotonic() > end:
+            break
+        time.sleep(0.6)
         shots.append(page.screenshot())
     Image.open(io.BytesIO(shots[-1])).convert("RGB").save(path, optimize=True)
     print(f"screenshots: {path}", flush=True)

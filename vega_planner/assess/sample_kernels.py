@@ -43,12 +43,12 @@ def surface_cells(printed, first_z, last_z, floor):
                     low, high = min(low, value), max(high, value)
                 if low > far or high < deep:
                     continue
-                if high < 0:
+                if high <= 0:
                     for dz in range(max(z - 1, floor), min(z + 3, count_z)):
                         for dy in range(max(y - 1, 0), min(y + 3, count_y)):
                             for dx in range(max(x - 1, 0), min(x + 3, count_x)):
                                 high = max(high, printed[dz, dy, dx])
-                if high < 0:
+                if high <= 0:
                     continue
                 if count == len(found):
                     longer = np.empty(2 * count, np.int64)

@@ -27,6 +27,7 @@ from vega_planner.layers.contour import Sheet
 from vega_planner.layers.distance_field import DistanceField
 from vega_planner.layers.grid import Grid
 from vega_planner.layers.subdivide import split_long_edges
+from vega_planner.layers.summits import low_pieces
 from vega_planner.parallel import map_threads
 
 #: Pieces of a level set up to this width, in t, count as slivers that a grid may lose.
@@ -41,15 +42,15 @@ MIDDLE_RATIO = 0.64
 #: A connected piece of a sheet moves whole where this share of it has no room of t.
 MOVING_SHARE = 0.3
 
-#: Share of the volume that pieces with a deeper level behind them may leave open or lay
-#: twice before they move.
+#: Share of the volume that pieces may leave open or lay twice that stay only because a
+#: deeper level does.
 STAYING_RATIO = 0.006
-
-#: Faces of the next level that are asked which piece they follow.
-FOLLOWERS = 4000
 
 #: A connected piece of which this share is a sliver is made anew.
 SLIVER_SHARE = 0.8
+
+#: Pieces below this area, in t², are asked how far they rise over their level.
+SMALL_RATIO = 2.7
 
 #: Sheets of the core end this far from the surface, in their depth: between the corners
 #: their round ends leave open and what bulges out.
@@ -97,6 +98,11 @@ class Core:
     thickness: tuple[Floats, ...]
     kept: tuple[Bools, ...]
 
+    @property
+    def begins_early(self) -> bool:
+        """Whether levels have become sheets of the core because one before them moved."""
+        return any(not kept.any() and len(kept) for kept in self.kept[:-1])
+
     @classmethod
     def nothing(cls, sheets: list[Sheet], t: float) -> Core:
         """Leave the sheets as they are."""
@@ -111,6 +117,7 @@ def fill_core(
     brr: DistanceField | None,
     sheets: list[Sheet],
     t: float,
+    staying_ratio: float = STAYING_RATIO,
 ) -> Core:
     """Make the sheets that fill what the envelope layers leave over.
 
@@ -121,6 +128,8 @@ def fill_core(
         brr: Distances to the restraint region, or None.
         sheets: The envelope sheets, at depths (N + 1/2) t.
         t: Layer thickness [mm].
+        staying_ratio: Share of the volume that pieces may leave open or lay twice that
+            stay only because a deeper level does.
 
     Returns:
         The sheets of the core, and what changes of the envelope sheets.
@@ -140,16 +149,15 @@ def fill_core(
     walls, (gap, _) = fronts[0], gaps[0]
     spread = _spread(walls)
     _add(cores, field, walls, gap < MIDDLE_RATIO * t, spread, 0.0, True, t)
-    leaving = [(np.zeros(len(sheet.faces), bool),) * 2 for sheet in sheets]
-    if moving:
-        leaving = _leaving(fronts[1:], gaps[1:], t, sliver, STAYING_RATIO * part.volume)
+    budget = staying_ratio * part.volume
+    leaving = _leaving(fronts[1:], gaps[1:], t, sliver, budget, moving, grid.spacing, field, brr)
     for k, (front, (gap, opposed)) in enumerate(zip(fronts[1:], gaps[1:])):
+        moved, slivers = leaving[k]
+        kept[k] &= ~moved & ~slivers
         own = gap < t / 2
         if not own.any():
             continue
         spread = _spread(front)
-        moved, slivers = leaving[k]
-        kept[k] &= ~moved & ~slivers
         last[k] = _add(cores, field, front, moved, spread, k * t, False, t)
         own &= kept[k]
         wide = own & opposed & (gap >= t / 4)
@@ -157,7 +165,7 @@ def fill_core(
         narrow = np.unique(front.faces[own & ~wide])
         free = np.where(np.isfinite(spread), spread - k * t, t)[narrow]
         # Rather a little too much than a gap.
-        thickness[k][narrow] = np.clip(free + 0.6 * np.abs(t - free), t / 2, 1.5 * t)
+        thickness[k][narrow] = np.clip(free + 0.3 * np.abs(t - free), t / 2, 1.5 * t)
     for front, (gap, _) in zip(fronts, gaps):
         k = front.level + 1
         following = (gap >= t / 2) & (gap < t / 2 + sliver)
@@ -204,29 +212,43 @@ def _join_core(
 
 
 def _leaving(
-    fronts: list[Front], gaps: list[tuple[Floats, Bools]], t: float, sliver: float, budget: float
+    fronts: list[Front],
+    gaps: list[tuple[Floats, Bools]],
+    t: float,
+    sliver: float,
+    budget: float,
+    moving: bool,
+    h: float,
+    field: DistanceField,
+    brr: DistanceField | None,
 ) -> list[tuple[Bools, Bools]]:
     """Choose the connected pieces of sheets that leave them. No piece is ever cut.
 
-    A piece behind which the next level goes on stays, as long as what such pieces leave
-    open or lay twice keeps within a budget; beyond it the worst of them move.
+    Where all pieces of a level would leave though a deeper one stays, the one that does
+    the least harm stays too, as long as all such harm keeps within a budget.
 
     Args:
         fronts: The sheets with their rooms.
         gaps: Gap behind each of their faces.
         t: Layer thickness [mm].
         sliver: Half the width of a sliver [mm].
-        budget: Volume [mm³].
+        budget: Volume left open or laid twice [mm³].
+        moving: Whether pieces move; slivers leave in any case, since a grid may lose them.
+        h: Grid spacing [mm].
+        field: Distances to S.
+        brr: Distances to the restraint region, or None.
 
     Returns:
         For each sheet the faces of pieces that move to the middle of their room, and
         faces of slivers, which are made anew from the layer before.
     """
-    moves: list[Bools] = []
-    hesitant: list[tuple[float, int, int]] = []
     pieces: list[Ints] = []
-    result = []
-    for k, (front, (gap, _)) in enumerate(zip(fronts, gaps)):
+    moves: list[Bools] = []
+    slivers: list[Bools] = []
+    lasting: list[tuple[float, int, int]] = []
+    deeper = False
+    for k in reversed(range(len(fronts))):
+        front, (gap, _) = fronts[k], gaps[k]
         own = gap < t / 2
         piece = connected_pieces(len(front.vertices), front.faces)
         areas = _areas(front)
@@ -234,26 +256,30 @@ def _leaving(
         count = len(total)
         leaves = np.bincount(piece, areas * own, count) > MOVING_SHARE * total
         thin = own & (gap + t < t / 2 + sliver)
-        narrow = np.bincount(piece, areas * thin, count) > SLIVER_SHARE * total
-        followed = np.zeros(count, bool)
-        if leaves.any() and k + 1 < len(fronts) and len(fronts[k + 1].faces):
-            ahead = fronts[k + 1]
-            some = np.unique(ahead.faces[:: max(1, len(ahead.faces) // FOLLOWERS)])
-            behind = ahead.vertices[some] - t * ahead.inward[some]
-            followed[piece[DistanceField(front.vertices, front.faces).nearest(behind).faces]] = 1
-        amount = np.bincount(piece, areas * np.where(own, np.abs(gap), 0.0) / 2, count)
-        for number in np.flatnonzero(leaves & ~narrow & followed):
-            hesitant.append((float(amount[number]), k, int(number)))
-        moves.append(leaves & ~narrow & ~followed)
-        pieces.append(piece)
-        result.append((leaves & narrow)[piece])
-    left = sum(amount for amount, _, _ in hesitant)
-    for amount, k, number in sorted(hesitant, reverse=True):
-        if left <= budget:
+        narrow = leaves & (np.bincount(piece, areas * thin, count) > SLIVER_SHARE * total)
+        small = np.flatnonzero((total < SMALL_RATIO * t * t) & ~narrow)
+        if len(small):
+            starts = np.column_stack(
+                [np.bincount(piece, areas * x, count) for x in _middles(front).T]
+            )[small] / np.maximum(total[small, None], 1e-12)
+            low = low_pieces(starts, (k + 0.5) * t + sliver, h, field, brr)
+            narrow[small[low]] = True
+        leaves = narrow | (leaves & moving)
+        candidates = np.flatnonzero(leaves & ~narrow)
+        if deeper and leaves.all() and len(candidates):
+            harm = np.bincount(piece, areas * np.where(own, np.abs(gap), 0.0) / 2, count)
+            least = candidates[np.argmin(harm[candidates])]
+            lasting.append((float(harm[least]), k, int(least)))
+        deeper = deeper or not leaves.all()
+        pieces.insert(0, piece)
+        moves.insert(0, leaves & ~narrow)
+        slivers.insert(0, narrow)
+    for harm_done, k, number in sorted(lasting):
+        budget -= harm_done
+        if budget < 0:
             break
-        moves[k][number] = True
-        left -= amount
-    return [(move[piece], slivers) for move, piece, slivers in zip(moves, pieces, result)]
+        moves[k][number] = False
+    return [(move[piece], thin[piece]) for move, thin, piece in zip(moves, slivers, pieces)]
 
 
 def connected_pieces(count: int, faces: Ints) -> Ints:
@@ -264,6 +290,10 @@ def connected_pieces(count: int, faces: Ints) -> Ints:
     first, second = faces[:, [0, 1]].ravel(), faces[:, [1, 2]].ravel()
     links = coo_matrix((np.ones(len(first)), (first, second)), shape=(count, count))
     return np.asarray(connected_components(links, directed=False)[1][faces[:, 0]], np.int64)
+
+
+def _middles(front: Front) -> Floats:
+    return np.asarray(front.vertices[front.faces].mean(1))
 
 
 def _areas(front: Front) -> Floats:

@@ -175,12 +175,13 @@ def measure_coverage(
 
     Args:
         patches: What is printed, in print order.
-        toolpaths: The passes.
+        toolpaths: The passes; a prime line does not count.
         stack: The layers.
         width_mm: Nominal bead width.
     """
     by_patch: list[list[Toolpath]] = [[] for _ in patches]
-    for path in toolpaths.passes:
+    printed = [path for path in toolpaths.passes if path.patch >= 0]
+    for path in printed:
         by_patch[path.patch].append(path)
     bare = 0.0
     for patch, paths in zip(patches, by_patch):
@@ -189,7 +190,7 @@ def measure_coverage(
         bare += thickness * uncovered_area(patch, paths, UNCOVERED_RATIO * spacing)
     volume = max(stack.part.volume, 1e-9)
     claimed = sum(volume_to_fill(patch) for patch in patches)
-    deposited = deposited_volume(toolpaths.passes)
+    deposited = deposited_volume(printed)
     return Coverage(
         under_ratio=stack.uncovered_ratio + bare / volume,
         over_ratio=stack.overfill_ratio + max(0.0, deposited - claimed) / volume,

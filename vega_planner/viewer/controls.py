@@ -106,6 +106,7 @@ class Controls:
         self.command = gui.add_markdown("")
 
     def _build_show(self, gui: Any) -> None:
+        self.legend = gui.add_html(legend((), by_speed=False))
         self.show_part = gui.add_checkbox("part", True)
         self.show_region = gui.add_checkbox("restraint region", True)
         self.show_robot = gui.add_checkbox("robot", True)
@@ -119,7 +120,6 @@ class Controls:
         self.detail = gui.add_checkbox(
             "full detail", False, hint="Every face and point; wants a graphics card."
         )
-        self.legend = gui.add_html(legend((), by_speed=False))
 
 
 def put(handle: Any, name: str, value: Any) -> None:

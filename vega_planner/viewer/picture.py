@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -93,9 +94,9 @@ class Picture:
             self.redraw()
 
     def show_preview(self, sheets: tuple[Layer, ...]) -> None:
-        """Show layers without a plan."""
+        """Show layers without a plan: envelopes, then cores."""
         with self._server.atomic():
-            self.sheets = sheets
+            self.sheets = tuple(replace(sheet, index=n) for n, sheet in enumerate(sheets))
             self.reasons = tuple(np.zeros(len(s.faces), np.int64) for s in sheets)
             self.redraw()
 
