@@ -65,7 +65,8 @@ def inside_points(part: Part, spacing: float) -> Floats:
     """List the points of a lattice of that spacing [mm] that lie in the part, (n, 3)."""
     turned = np.ascontiguousarray(part.vertices @ AXES)
     low, high = turned.min(0), turned.max(0)
-    shape = tuple(int(n) for n in np.ceil((high - low) / spacing) + 2)
+    nx, ny, nz = (int(n) for n in np.ceil((high - low) / spacing) + 2)
+    shape = (nx, ny, nz)
     origin = low - 0.37 * spacing
     state = inside_states(turned, part.faces, origin, spacing, shape)
     nodes = np.stack(np.unravel_index(np.flatnonzero(state == INSIDE), shape), axis=1)

@@ -51,7 +51,7 @@ def with_summits(
     nodes, levels = _summit_nodes(grid, t, least)
     if len(nodes) == 0:
         return sheets
-    goal = (levels + 0.5) * t + least
+    goal = np.asarray((levels + 0.5) * t + least, np.float64)
     points, depths = _climb(grid.points(nodes), goal, grid.spacing, field, brr)
     pieces = []
     for point, depth, level in zip(points, depths, levels):
