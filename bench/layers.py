@@ -25,7 +25,7 @@ from vega_planner.layers.distance_field import DistanceField
 from vega_planner.settings import LayerSettings
 
 sys.path.insert(0, str(Path(__file__).parent))
-from layer_parts import PARTS, mesh_parts
+from layer_parts import DEPTHS, PARTS, mesh_parts
 
 
 def measure(part: Part, settings: LayerSettings | None = None, repeats: int = 3) -> dict[str, Any]:
@@ -67,9 +67,9 @@ def measure(part: Part, settings: LayerSettings | None = None, repeats: int = 3)
 
 
 def depth_errors(stack: LayerStack) -> dict[str, float]:
-    """Compare depth with the straight distance to S, and look outside the part."""
+    """Compare depth with the distance to S inside the part, and look outside the part."""
     part = stack.part
-    field = DistanceField.of_part(part)
+    depths = DEPTHS.get(part.name, DistanceField.of_part(part).distances)
     whole = DistanceField(part.vertices, part.faces)
     region = None
     if part.restrained.any():
@@ -80,8 +80,8 @@ def depth_errors(stack: LayerStack) -> dict[str, float]:
         if len(layer.faces) == 0:
             continue
         centres = layer.vertices[layer.faces].mean(1)
-        at_vertices.append(np.abs(field.distances(layer.vertices) - layer.depth_mm))
-        at_centres.append(np.abs(field.distances(centres) - layer.depth_mm))
+        at_vertices.append(np.abs(depths(layer.vertices) - layer.depth_mm))
+        at_centres.append(np.abs(depths(centres) - layer.depth_mm))
         points = np.concatenate([layer.vertices, centres])
         near = whole.nearest(points)
         side = ((points - near.points) * part.face_normals[near.faces]).sum(1)
@@ -168,7 +168,11 @@ def completeness(stack: LayerStack, count: int = 60000) -> dict[str, float]:
     part, t = stack.part, stack.thickness_mm
     points, inside = inside_points(part, count)
     points = points[inside]
-    found = DistanceField.of_part(part).nearest(points)
+    field = DistanceField.of_part(part)
+    if part.name in DEPTHS:
+        # Only where the straight way stays inside is the gradient known.
+        points = points[np.abs(DEPTHS[part.name](points) - field.distances(points)) < 1e-6]
+    found = field.nearest(points)
     missing, asked = 0, 0
     cores = [DistanceField(core.vertices, core.faces) for core in stack.cores]
     deepest = int(np.floor((found.distances.max() - 0.25 - t / 2) / t + 1e-9)) + 1

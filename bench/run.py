@@ -16,6 +16,7 @@ HERE = Path(__file__).resolve().parent
 #: In the order of the pipeline. Scripts that help others are not listed.
 ORDER = (
     "layers",
+    "engines",
     "printability",
     "toolpaths",
     "trajectory",

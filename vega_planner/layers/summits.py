@@ -8,8 +8,6 @@ measured along rays from the summit.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from vega_planner.datatypes import Floats, Ints
@@ -53,7 +51,7 @@ def with_summits(
     nodes, levels = _summit_nodes(grid, t, least)
     if len(nodes) == 0:
         return sheets
-    goal = (levels + 0.5) * t + least
+    goal = np.asarray((levels + 0.5) * t + least, np.float64)
     points, depths = _climb(grid.points(nodes), goal, grid.spacing, field, brr)
     pieces = []
     for point, depth, level in zip(points, depths, levels):
@@ -232,7 +230,11 @@ def _without(sheet: Sheet, summit: Floats, piece: Sheet) -> Sheet:
     near = np.linalg.norm(sheet.vertices - summit, axis=1) < 1.05 * reach
     inside = near[sheet.faces]
     if inside.any() and (inside.any(1) == inside.all(1)).all():
-        return replace(sheet, faces=sheet.faces[~inside.all(1)])
+        used, faces = np.unique(sheet.faces[~inside.all(1)], return_inverse=True)
+        return Sheet(
+            sheet.depth, sheet.vertices[used], faces.reshape(-1, 3), sheet.slots[used],
+            sheet.rim[used], sheet.inward[used],
+        )  # fmt: skip
     return sheet
 
 
