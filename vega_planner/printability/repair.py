@@ -85,7 +85,7 @@ def resolve_collisions(
         if not best[1].colliding:
             break
         if last:
-            wider = [(0, len(patches) - 1)]
+            wider = [(0, max(path.patch for path in toolpaths.passes))]
         elif best[1].colliding > FEW_SHARE * best[1].checked:
             continue
         else:
