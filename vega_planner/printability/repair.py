@@ -42,7 +42,7 @@ ROUNDS = 3
 FEW_SHARE = 0.015
 
 #: Share of colliding waypoints beyond which turning the nozzle is no answer.
-HOPELESS_SHARE = 0.3
+HOPELESS_SHARE = 0.45
 
 
 def resolve_collisions(
@@ -82,13 +82,17 @@ def resolve_collisions(
     ranges: list[tuple[int, int]] = []
     # over a substrate, patches printed from inside and outside do not share bands
     for last in (False, False, True) if cell.substrate is None else ():
-        if not 0 < best[1].colliding <= FEW_SHARE * best[1].checked:
+        if not best[1].colliding:
             break
-        # what stands in the way of each other is printed in common bands of height
-        around = Surroundings(best[0], stack, cell)
-        pairs = around.hit_patches(best[0], best[1])
-        wider = [(0, len(patches) - 1)] if last else joined({*pairs, *ranges})
-        if wider == ranges or not pairs:
+        if last:
+            wider = [(0, max(path.patch for path in toolpaths.passes))]
+        elif best[1].colliding > FEW_SHARE * best[1].checked:
+            continue
+        else:
+            # what stands in the way of each other is printed in common bands of height
+            around = Surroundings(best[0], stack, cell)
+            wider = joined({*around.hit_patches(best[0], best[1]), *ranges})
+        if wider == ranges or not wider:
             continue
         ranges = wider
         other = _without_rest(task, *_settled(task, *_banded(task, toolpaths, ranges)))
