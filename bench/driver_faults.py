@@ -16,7 +16,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 from driver_job import ROOT, beads, bus_file, machine
 
+from vega_planner.errors import VegaError
 from vega_robot_driver.dispenser.digital_output import DigitalOutputDispenser
 from vega_robot_driver.emulators.musashi_device import MusashiDevice
 from vega_robot_driver.executor import Executor, Limits
@@ -68,10 +69,11 @@ def direct(folder: Path) -> tuple[Executor, DirectDrives]:
     return executor, drives
 
 
-def injected() -> dict[str, dict[str, Any]]:
-    """Let each fault of the line happen in the middle of a bead."""
+def injected(names: Iterable[str] = INJECTED) -> dict[str, dict[str, Any]]:
+    """Let faults of the line happen in the middle of a bead."""
     table = {}
-    for name, fault in INJECTED.items():
+    for name in names:
+        fault = INJECTED[name]
         with tempfile.TemporaryDirectory() as folder:
             executor, drives = direct(Path(folder))
         executor.load(beads(1, 40e-3))
@@ -155,7 +157,7 @@ def printing(**bus: Any) -> Iterator[tuple[MachineLink, Path, int]]:
             link.ask("enable")
             send(link, beads(1, 60e-3))
             link.ask("run")
-            until(lambda: in_mid_bead(folder))
+            until(lambda: in_mid_bead(folder) or link.status().state == "fault")
             time.sleep(0.05)
             yield link, folder, int(drives_of(folder)["on_at_standstill"])
         finally:
@@ -192,7 +194,10 @@ def killed_client(way: signal.Signals) -> dict[str, Any]:
 
 def _struck(process: subprocess.Popen, folder: Path, way: signal.Signals) -> dict[str, Any]:
     until(lambda: (folder / "drives.json").is_file() and (folder / "ready").is_file(), 60)
-    until(lambda: in_mid_bead(folder), 30)
+    until(lambda: process.poll() is not None or StatusPage(folder).read().state != "off", 20)
+    if process.poll() is not None:
+        raise TimeoutError("the client ended before the print began")
+    until(lambda: in_mid_bead(folder) or StatusPage(folder).read().state == "fault", 30)
     time.sleep(0.05)
     before = drives_of(folder)["on_at_standstill"]
     began = time.monotonic()
@@ -309,7 +314,7 @@ def worst(run: Callable[[], dict[str, Any]], runs: int) -> dict[str, Any]:
     while len(rows) < runs and spoiled < 2 * runs:
         try:
             row = run()
-        except TimeoutError:
+        except (TimeoutError, VegaError):  # a stall of the computer ended it before its time
             spoiled += 1
             continue
         if row["safe"]:

@@ -17,6 +17,7 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -104,7 +105,8 @@ def interrupt(plant: Machine, kind: str, number: int) -> None:
         executor.enable()
 
 
-def main(kills: int, seed: int) -> int:
+def interrupted(kills: int, seed: int) -> dict[str, Any]:
+    """Print until so many interruptions have happened, and judge every print."""
     chance = np.random.default_rng(seed)
     job = beads(2, LENGTH, travel_s=0.2)
     counted = dict.fromkeys(KINDS, 0)
@@ -147,7 +149,7 @@ def main(kills: int, seed: int) -> int:
             longest_overlap = max(longest_overlap, *overlaps, 0.0)
         plant.executor.motion.close()
     seconds = time.perf_counter() - began
-    result = {
+    return {
         "interruptions": sum(counted.values()),
         "by_kind": counted,
         "prints": prints,
@@ -160,8 +162,6 @@ def main(kills: int, seed: int) -> int:
         "seconds": round(seconds, 1),
         "times_real_time": round(plant.cycles * DT / seconds, 1),
     }
-    print(json.dumps(result, indent=2))
-    return 1 if lost or doubled else 0
 
 
 def judged(rows: np.ndarray, passes: int) -> tuple[list[float], list[float]]:
@@ -183,6 +183,12 @@ def judged(rows: np.ndarray, passes: int) -> tuple[list[float], list[float]]:
             reach = max(reach, high)
         gaps.append(max(LENGTH - reach, 0.0))
     return gaps, overlaps
+
+
+def main(kills: int, seed: int) -> int:
+    result = interrupted(kills, seed)
+    print(json.dumps(result, indent=2))
+    return 1 if result["beads_lost"] or result["beads_doubled"] else 0
 
 
 if __name__ == "__main__":

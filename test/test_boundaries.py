@@ -10,7 +10,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 SOURCES = sorted([*ROOT.glob("vega_planner/**/*.py"), *ROOT.glob("vega_robot_driver/**/*.py")])
-ROS = {"unique_identifier_msgs",
+ROS = {"unique_identifier_msgs", "control_msgs",
        "rclpy", "vega_msgs", "std_msgs", "sensor_msgs", "visualization_msgs", "shape_msgs",
        "trajectory_msgs", "diagnostic_msgs", "std_srvs", "geometry_msgs", "tf2_msgs",
        "action_msgs", "lifecycle_msgs", "builtin_interfaces", "rcl_interfaces"}  # fmt: skip

@@ -154,7 +154,7 @@ class Executor:
         route = [self.positions, *(() if waypoints is None else waypoints), path.positions[0]]
         t, p, v = joint_route(np.array(route), self.limits.velocity)
         spans = job.intervals(lead_s=lead_s, lag_s=lag_s)
-        spans = np.maximum(spans[spans[:, 1] > start_u + 1e-9], start_u)
+        spans = np.maximum(spans[spans[:, 1] > start_u + 1e-9], [start_u - lead_s, start_u])
         self._follower = Follower(
             Curve(t - t[-1] + path.begin, p, v),
             path,

@@ -106,14 +106,17 @@ class PrintJob:
 
         Args:
             lead_s: Time by which it is switched on before a bead starts.
-            lag_s: Time by which it is switched off before a bead ends.
+            lag_s: Time by which it is switched off before a bead ends, but not before
+                its middle.
 
         Returns:
             Times [s] at which it goes on and off, rising, shape (k, 2).
         """
         on = np.concatenate([[False], self.extrude[1:], [False]])  # over the intervals
         edges = np.flatnonzero(on[1:] != on[:-1])
-        spans = self.times[edges].reshape(-1, 2) - [lead_s, lag_s]
+        beads = self.times[edges].reshape(-1, 2)
+        spans = beads - [lead_s, lag_s]
+        spans[:, 1] = np.maximum(spans[:, 1], beads.mean(axis=1))
         spans = spans[spans[:, 1] > spans[:, 0]]
         if len(spans) == 0:
             return np.zeros((0, 2))

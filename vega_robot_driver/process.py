@@ -18,6 +18,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 import traceback
 from collections.abc import Callable
@@ -44,6 +45,8 @@ SIMULATION_PERIOD = 0.005
 SIMULATION_SILENCE = 0.5
 #: Time after which a thread that answers requests lets the cycle go first [s].
 SWITCH_INTERVAL = 0.0003
+#: Priorities of the cycle and of the threads beside it, where real-time scheduling is granted.
+CYCLE_PRIORITY, HELPER_PRIORITY = 80, 60
 #: Overruns in a row after which the machine stops.
 MOST_OVERRUNS = 25
 
@@ -351,13 +354,21 @@ def _done(work: Callable[[], Any]) -> dict[str, Any]:
 
 
 def _raise_priority(batched: bool) -> None:
-    """Ask for real-time scheduling where there is a bus; it may be refused."""
+    """Ask for real-time scheduling where there is a bus; it may be refused.
+
+    The threads that answer requests come below the cycle and above other processes: one of
+    them that holds the interpreter's lock must not wait for a processor.
+    """
     if batched:
         return
     import ctypes
 
     with contextlib.suppress(OSError):
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(80))
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(CYCLE_PRIORITY))
+        for thread in threading.enumerate():
+            if thread is not threading.current_thread() and thread.native_id:
+                param = os.sched_param(HELPER_PRIORITY)
+                os.sched_setscheduler(thread.native_id, os.SCHED_FIFO, param)
     with contextlib.suppress(OSError):
         ctypes.CDLL(None).mlockall(3)
 

@@ -227,7 +227,7 @@ def test_simulated_axes_follow_closely_and_deterministically():
         st.tuples(st.floats(0.05, 2.0), st.sampled_from(["stop", "fault", "pause"])), max_size=6
     )
 )
-@settings(deadline=None, derandomize=True, max_examples=12)
+@settings(deadline=None, derandomize=True, max_examples=8)
 def test_no_bead_is_printed_twice_or_left_out(interruptions):
     """Whatever interrupts a print, what is deposited over all runs is each span once."""
     job = zigzag_job(2, seconds=1.0)

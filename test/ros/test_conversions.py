@@ -32,6 +32,7 @@ from vega_planner.nodes.conversions import (
 from vega_planner.nodes.markers import MOST_LINE_POINTS, line_pieces
 from vega_planner.settings import Settings
 from vega_robot_driver.nodes.conversions import job_from_msg, job_of_trajectory
+from vega_robot_driver.nodes.follow_joint_trajectory import check_start, ordered_job
 
 RANDOM = np.random.default_rng(7)
 
@@ -203,3 +204,24 @@ def test_a_job_without_its_certificate_is_refused():
     goal.certificate = "{"
     with pytest.raises(CertificateMismatch, match="cannot be read"):
         job_from_msg(goal)
+
+
+def test_a_trajectory_may_name_its_joints_in_another_order():
+    msg = joint_trajectory_to_msg(trajectory())
+    old = job_of_trajectory(msg)
+    msg.joint_names = msg.joint_names[::-1]
+    for point in msg.points:
+        point.positions = point.positions[::-1]
+        point.velocities = point.velocities[::-1]
+    new = ordered_job(msg, old.joint_names)
+    assert (new.positions == old.positions).all()
+    assert (new.velocities == old.velocities).all()
+    with pytest.raises(InvalidInput, match="the robot has a, b"):
+        ordered_job(msg, ("a", "b"))
+
+
+def test_a_trajectory_that_begins_elsewhere_is_refused():
+    job = job_of_trajectory(joint_trajectory_to_msg(trajectory()))
+    check_start(job, job.positions[0] + 1e-3)
+    with pytest.raises(InvalidInput, match=f"begins with {job.joint_names[1]} at"):
+        check_start(job, job.positions[0] + np.eye(len(job.joint_names))[1] * 0.01)

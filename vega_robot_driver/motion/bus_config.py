@@ -296,6 +296,11 @@ def _check_wiring(path: str | Path, config: BusConfig) -> None:
             f"machine file {path}: the dispenser hangs on axis '{config.dispenser.axis}'; "
             f"has: {', '.join(joints)}"
         )
+    homed = [axis.joint for axis in config.axes if axis.homing is not None]
+    if homed and 0x6060 not in [item.index for item in config.rxpdo]:
+        raise InvalidInput(
+            f"machine file {path}: {homed[0]} is homed by its drive; rxpdo must map object 6060"
+        )
     if config.control == "host":
         for axis in config.axes:
             if axis.host is None:
@@ -303,8 +308,12 @@ def _check_wiring(path: str | Path, config: BusConfig) -> None:
                     f"machine file {path}: control 'host', and axis {axis.joint} lacks 'host' "
                     "(mass, rated, kp, ki, kd, most: from data sheet and commissioning)"
                 )
-        if 0x6071 not in [item.index for item in config.rxpdo]:
-            raise InvalidInput(f"machine file {path}: rxpdo does not map object 6071")
+        for index in (0x6060, 0x6071):
+            if index not in [item.index for item in config.rxpdo]:
+                raise InvalidInput(
+                    f"machine file {path}: control 'host', and rxpdo does not map object "
+                    f"{index:04X}"
+                )
 
 
 def _require(path: str | Path, where: str, row: dict[str, Any], sources: dict[str, str]) -> None:

@@ -60,10 +60,10 @@ class DirectBus(DriveBus):
 
     def open(self) -> None:
         """Bring all drives to operational."""
-        self._open = True
-        self._slaves = [self._found(axis) for axis in self._config.axes]
+        self._slaves = self._identified()
         for number, (slave, axis) in enumerate(zip(self._slaves, self._config.axes, strict=True)):
             self._configure(slave, axis, number)
+        self._open = True
         self.exchange()
         self.target = list(self.position)
         self._request(OP)
@@ -90,12 +90,10 @@ class DirectBus(DriveBus):
         self.exchange()
         self.exchange()
 
-    def _found(self, axis: BusAxis) -> SlaveController:
-        slaves = self._line.segment.slaves
-        found = [slave for slave in slaves if slave.drive.identity[3] == axis.serial]
-        if not found:
-            raise DriverError(f"no drive has {axis.joint}'s serial number {axis.serial}")
-        return found[0]
+    def _identities(self) -> tuple[list[SlaveController], list[tuple[int, int, int]]]:
+        slaves = list(self._line.segment.slaves)
+        told = [slave.drive.identity for slave in slaves]
+        return slaves, [(vendor, product, serial) for vendor, product, _, serial in told]
 
     def _configure(self, slave: SlaveController, axis: BusAxis, number: int) -> None:
         """Lead a drive from INIT to SAFEOP with the configured mapping."""
@@ -121,6 +119,12 @@ class DirectBus(DriveBus):
             objects.write(assignment, 1, struct.pack("<H", pdo))
         objects.write(0x60C2, 1, bytes([max(1, round(self._dt * 1000))]))
         objects.write(0x6065, 0, struct.pack("<I", axis.following_error))
+        if axis.homing is not None:
+            objects.write(0x6098, 0, struct.pack("<b", axis.homing.method))
+            objects.write(0x6099, 1, struct.pack("<I", axis.homing.speed))
+            objects.write(0x6099, 2, struct.pack("<I", axis.homing.slow))
+            objects.write(0x609A, 0, struct.pack("<I", axis.homing.acceleration))
+            objects.write(0x607C, 0, struct.pack("<i", axis.homing.offset))
         objects.write(0x10F1, 2, struct.pack("<I", config.sync_error_limit))
         slave.write(0x420, struct.pack("<H", config.watchdog_ms * _WATCHDOG_TICKS))
         window = "<IHBBHBBB4x"

@@ -136,27 +136,33 @@ class DriveBus:
             master.close()
 
     def _identified(self) -> list[Any]:
-        """Find each axis's drive by its serial number."""
-
-        def serial(slave: Any) -> int:
-            return int.from_bytes(_retried(lambda: slave.sdo_read(0x1018, 4)), "little")
-
-        serials = [serial(slave) for slave in self._master.slaves]
+        """Find each axis's drive by its serial number, wherever it is on the line."""
+        slaves, identities = self._identities()
+        serials = [serial for _, _, serial in identities]
         found = []
         for axis in self._config.axes:
             if axis.serial not in serials:
                 raise DriverError(
                     f"no drive has {axis.joint}'s serial number {axis.serial}; found: {serials}"
                 )
-            slave = self._master.slaves[serials.index(axis.serial)]
-            if (slave.man, slave.id) != (axis.vendor, axis.product):
+            place = serials.index(axis.serial)
+            vendor, product, _ = identities[place]
+            if (vendor, product) != (axis.vendor, axis.product):
                 raise DriverError(
-                    f"the drive of {axis.joint} (serial {axis.serial}) is vendor "
-                    f"0x{slave.man:X} product 0x{slave.id:X}; configured: "
-                    f"0x{axis.vendor:X} 0x{axis.product:X}"
+                    f"the drive of {axis.joint} (serial {axis.serial}) is vendor 0x{vendor:X} "
+                    f"product 0x{product:X}; configured: 0x{axis.vendor:X} 0x{axis.product:X}"
                 )
-            found.append(slave)
+            found.append(slaves[place])
         return found
+
+    def _identities(self) -> tuple[list[Any], list[tuple[int, int, int]]]:
+        """Ask all drives of the line for vendor, product and serial number."""
+        slaves = list(self._master.slaves)
+
+        def serial(slave: Any) -> int:
+            return int.from_bytes(_retried(lambda: slave.sdo_read(0x1018, 4)), "little")
+
+        return slaves, [(slave.man, slave.id, serial(slave)) for slave in slaves]
 
     def _configuration(self, slave: Any, axis: BusAxis) -> Callable[[int], None]:
         config = self._config

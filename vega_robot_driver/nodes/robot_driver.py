@@ -48,6 +48,7 @@ from vega_robot_driver.checkpoint import Checkpoint, read_checkpoint
 from vega_robot_driver.job import PrintJob
 from vega_robot_driver.link import MachineLink
 from vega_robot_driver.machine import Machine
+from vega_robot_driver.nodes import follow_joint_trajectory
 from vega_robot_driver.nodes.conversions import (
     diagnostics_to_msg,
     error_to_msg,
@@ -112,7 +113,7 @@ class RobotDriver(LifecycleNode):
         self.create_timer(1.0 / self._value("joint_state_rate"), self._show_joints, shown)
         self.create_timer(1.0 / self._value("feedback_rate"), self._show_status, shown)
         self.create_timer(1.0, self._show_diagnostics, MutuallyExclusiveCallbackGroup())
-        for name in ("pause", "resume", "stop", "home", "reset_fault"):
+        for name in ("pause", "resume", "stop", "home", "calibrate", "reset_fault"):
             self._serve(name)
         self.create_service(Jog, "~/jog", self._jog, callback_group=self._group)
         self._server = ActionServer(
@@ -123,6 +124,13 @@ class RobotDriver(LifecycleNode):
             callback_group=self._group,
             goal_callback=lambda _: GoalResponse.ACCEPT,
             cancel_callback=lambda _: CancelResponse.ACCEPT,
+        )
+
+        self._follow_server = follow_joint_trajectory.offer(
+            self,
+            self._group,
+            lambda: self._robot.joint_names if self._robot is not None else (),
+            self._follow_trajectory,
         )
 
     def _value(self, name: str) -> Any:
@@ -346,12 +354,47 @@ class RobotDriver(LifecycleNode):
         overlap = self._value("overlap_time") if resume else 0.0
         entry = int(np.searchsorted(job.times, max(start - overlap, 0.0)))
         way = approach(robot, status.positions, job.positions[entry], float(tips[:, 2].max()))
-        arrays = {name: getattr(job, name) for name in job.__dataclass_fields__}
-        np.savez(link.folder / "job.npz", waypoints=way, **arrays)
-        link.ask("load", job="job.npz", start_u=start, overlap_s=overlap)
+        self._hand_over(job, way, start_u=start, overlap_s=overlap)
         self._beads.start(job, tips)
         self._trail.clear()
         return link.status().clock
+
+    def _hand_over(self, job: PrintJob, way: Floats, **options: float) -> None:
+        """Give a job to the machine, with the way to it."""
+        assert self._link is not None
+        arrays = {name: getattr(job, name) for name in job.__dataclass_fields__}
+        np.savez(self._link.folder / "job.npz", waypoints=way, **arrays)
+        lead, lag = self._material.lead_s, self._material.lag_s
+        self._link.ask("load", job="job.npz", lead_s=lead, lag_s=lag, **options)
+
+    def _follow_trajectory(
+        self,
+        job: PrintJob,
+        show: Callable[[MachineStatus], None],
+        cancelled: Callable[[], bool],
+    ) -> None:
+        """Move along a trajectory that begins where the axes are, without deposition."""
+        if self._link is None:
+            raise Refused("the driver is not configured")
+        if not self._executing.acquire(blocking=False):
+            raise Busy("another job is being executed; wait for its end or stop it")
+        try:
+            link = self._link
+            follow_joint_trajectory.check_start(job, link.status().positions)
+            self._hand_over(job, np.zeros((0, len(job.joint_names))))
+            self._ask("run")
+            told = False
+            while (status := link.status()).state != "done":
+                show(status)
+                if status.state not in ("printing", "pausing", "paused", "stopping"):
+                    failed = Cancelled if status.state == "stopped" else Faulted
+                    raise failed(f"{status.state}: {status.detail}")
+                if not told and cancelled():
+                    told = True
+                    self._ask("stop")
+                time.sleep(0.02)
+        finally:
+            self._executing.release()
 
     def _watch(
         self, goal: ServerGoalHandle, result: ExecutePrint.Result, began: float

@@ -109,7 +109,7 @@ class Recorder:
         self._folder, self._names = folder, joint_names
         self._ring, self._page = Ring(folder / "ring"), StatusPage(folder)
         self._began = time.time_ns()
-        self._read = 0
+        self._read, self._last = 0, self._began
         self._open: PrintFile | None = None
         self._state, self._path, self._bad = "", -1, 0
         self._until = 0.0
@@ -127,15 +127,15 @@ class Recorder:
         """Take what is left and finish the file."""
         self.look()
         if self._open is not None:
-            self._open.event(time.time_ns(), reason, messages.WARN)
+            self._open.event(self._last, reason, messages.WARN)
             self._finish()
 
     def _take(self, row: Any) -> None:
-        state = STATES[int(row["state"])]
+        state, self._last = STATES[int(row["state"])], self._stamp(row)
         if self._open is None and state in RECORDED:
             self._begin()
         if self._open is not None:
-            self._tell(self._open, self._stamp(row), row, state)
+            self._tell(self._open, self._last, row, state)
             if state in RECORDED:
                 self._until = float(row["clock"]) + AFTER
             elif float(row["clock"]) > self._until or state == "off":
