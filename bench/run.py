@@ -18,6 +18,7 @@ ORDER = (
     "layers",
     "printability",
     "toolpaths",
+    "spacing",
     "trajectory",
     "whole",
     "fidelity",
