@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from pathlib import Path
 
@@ -77,19 +76,11 @@ def machine(**changes: object) -> Machine:
     return Machine(**values)
 
 
-def bus_file(folder: Path, **changes: object) -> Path:
-    """A machine file with other values of the bus."""
+def bus_file(folder: Path, *, dispenser: dict | None = None, **changes: object) -> Path:
+    """The shipped machine file with other values of the bus, or another dispenser."""
     content = yaml.safe_load(BUS.read_text(encoding="utf-8"))
     content["bus"] |= changes
+    content["dispenser"] = dispenser or content["dispenser"]
     path = folder / "bus.yaml"
     path.write_text(yaml.safe_dump(content), encoding="utf-8")
     return path
-
-
-def own_network(flag: str = "VEGA_BENCH_NETWORK") -> None:
-    """Start this script again in a network namespace of its own, as the driver does."""
-    if os.environ.get(flag):
-        return
-    os.environ[flag] = "1"
-    how = "-n" if os.geteuid() == 0 else "-Urn"
-    os.execvp("unshare", ["unshare", how, sys.executable, *sys.argv])

@@ -107,6 +107,17 @@ def plan(
         toolpaths, check = resolve_collisions(
             toolpaths, order.patches, stack, cell, settings.printability, tell
         )
+        if check.colliding and order.report.status == "fully":
+            # what does not go with whole layers may go with layers cut into bands
+            pieces = order_patches(
+                patches, stack, cell, settings.printability, tell, assessment, cut=True
+            )
+            paths = lay_toolpaths(pieces.patches, stack, cell, settings.toolpaths, tell)
+            paths, other = resolve_collisions(
+                paths, pieces.patches, stack, cell, settings.printability, tell
+            )
+            if other.colliding < check.colliding:
+                order, toolpaths, check = pieces, paths, other
         if settings.toolpaths.prime_mm > 0:
             toolpaths = with_prime_line(
                 toolpaths,

@@ -22,6 +22,7 @@ from vega_robot_driver.dispenser.base import Dispenser
 from vega_robot_driver.follower import Cycles, Follower
 from vega_robot_driver.job import PrintJob
 from vega_robot_driver.motion.base import MotionController
+from vega_robot_driver.stall import StallWatch
 
 #: States of the machine, in the order of their numbers on the status page.
 STATES = (
@@ -85,6 +86,7 @@ class Executor:
         self.override = 1.0
         self.start_u = 0.0
         self._follower: Follower | None = None
+        self._stall = StallWatch(limits.velocity, motion.dt)
 
     # -- requests -----------------------------------------------------------------------
 
@@ -282,8 +284,9 @@ class Executor:
         feedback = self.motion.exchange(asked.targets, asked.speeds, gate)
         self.targets = asked.targets[-1].copy()
         self.positions = feedback.positions
-        if feedback.fault:
-            self.fail(feedback.fault)
+        fault = feedback.fault or self._stalled(cycles, asked)
+        if fault:
+            self.fail(fault)
             good = cycles if feedback.cycles is None else feedback.cycles
             gate[good:] = False
             self._take_back(asked, good, before)
@@ -298,6 +301,16 @@ class Executor:
             self.fail(feedback.fault)
         elif not self.motion.homing:
             self.state = "idle"
+
+    def _stalled(self, cycles: int, asked: Cycles) -> str:
+        """Say which axis stands while a bead is laid, or nothing."""
+        if not asked.gate.all():
+            self._stall.clear()
+            return ""
+        axis = self._stall.stalled(cycles, self.targets, self.positions)
+        if axis < 0:
+            return ""
+        return f"{self.motion.joint_names[axis]} stands while a bead is laid"
 
     def _reached(self, follower: Follower) -> None:
         if self.state not in ("printing", "pausing", "paused", "stopping"):

@@ -39,6 +39,7 @@ class Machine:
         pressure_pa: Supply pressure of the dispenser [Pa].
         config: Path of the machine's bus configuration, where it has a bus.
         interface: Network interface of the bus, over the configuration's; or empty.
+        record: Whether every print is recorded, in `recordings` of the state folder.
     """
 
     hardware: str
@@ -56,6 +57,7 @@ class Machine:
     pressure_pa: float = 130e3
     config: str = ""
     interface: str = ""
+    record: bool = True
 
     def __post_init__(self) -> None:
         if self.hardware not in HARDWARE:

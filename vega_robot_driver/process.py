@@ -11,10 +11,12 @@ from __future__ import annotations
 
 import contextlib
 import gc
+import io
 import os
 import queue
 import signal
 import socket
+import subprocess
 import sys
 import time
 import traceback
@@ -31,6 +33,7 @@ from vega_robot_driver.curve import Curve
 from vega_robot_driver.job import PrintJob
 from vega_robot_driver.link import RequestServer
 from vega_robot_driver.machine import Machine, build_executor, read_machine
+from vega_robot_driver.recording.ring import Ring
 from vega_robot_driver.recovery import recover_checkpoint
 from vega_robot_driver.shown import Shown
 from vega_robot_driver.status import StatusPage
@@ -39,6 +42,8 @@ from vega_robot_driver.status import StatusPage
 SIMULATION_PERIOD = 0.005
 #: Least silence of the client that stops a simulation faster than the clock [s].
 SIMULATION_SILENCE = 0.5
+#: Time after which a thread that answers requests lets the cycle go first [s].
+SWITCH_INTERVAL = 0.0003
 #: Overruns in a row after which the machine stops.
 MOST_OVERRUNS = 25
 
@@ -61,6 +66,8 @@ class RealTimeLoop:
         self._shown = Shown(self._page, self._checkpoints.post)
         self._requests: queue.SimpleQueue = queue.SimpleQueue()
         self._server = RequestServer(listening, self._ask)
+        self._ring = Ring(folder / "ring", create=True)
+        self._recorder: subprocess.Popen | None = None
         self._had_client = False
         batched = self._executor.motion.batched
         #: A simulation that outruns the clock has no hurry, and its client shares the computer.
@@ -83,6 +90,8 @@ class RealTimeLoop:
             executor.dispenser.open()
             self._server.start()
             (self._folder / "ready").touch()
+            if self._machine.record:
+                self._start_recorder()
             scale = self._machine.time_scale if batched else 1.0
             period = SIMULATION_PERIOD if batched else executor.motion.dt
             cycles = max(1, round(period * scale / executor.motion.dt)) if batched else 1
@@ -90,6 +99,7 @@ class RealTimeLoop:
                 period = cycles * executor.motion.dt / scale
             self._period = period
             _raise_priority(batched)
+            sys.setswitchinterval(SWITCH_INTERVAL)
             gc.collect()
             gc.freeze()
             gc.disable()
@@ -102,6 +112,7 @@ class RealTimeLoop:
                 executor.advance(cycles)
                 self._watch_calibration()
                 self._record()
+                self._ring.put(executor)
                 for answer, value in answers:  # who got an answer finds its effect on the page
                     answer.put(value)
         finally:
@@ -131,10 +142,36 @@ class RealTimeLoop:
         return time.monotonic()  # the missed cycles are not made up for
 
     def _warm_up(self) -> None:
-        """Do once what is slow the first time."""
+        """Do once what is slow the first time: loading and checking a job."""
         executor = self._executor
-        Curve(np.arange(2.0), *np.zeros((2, 2, 1)))(np.zeros(1))
+        names = executor.motion.joint_names
+        rows = np.zeros((2, len(names)))
+        job = PrintJob(
+            joint_names=names,
+            times=np.arange(2.0),
+            positions=rows,
+            velocities=rows,
+            extrude=np.ones(2, np.bool_),
+            path_id=np.zeros(2, np.int64),
+            path_layer=np.zeros(1, np.int64),
+        )
+        file = io.BytesIO()
+        np.savez(file, rows=rows)
+        file.seek(0)
+        with np.load(file) as loaded:
+            loaded["rows"].sum()
+        job.digest()
+        job.extremes(0.5)
+        Curve(job.times, rows, rows).from_time(0.5)
         executor.dispenser.follow(np.zeros(1, np.bool_), executor.motion.dt)
+
+    def _start_recorder(self) -> None:
+        """Start the process that records prints; it ends when this one is gone."""
+        names = self._executor.motion.joint_names
+        command = [sys.executable, "-m", "vega_robot_driver.recording.recorder"]
+        self._recorder = subprocess.Popen(
+            ["nice", *command, str(self._folder), *names], stdin=subprocess.PIPE
+        )
 
     # -- client -------------------------------------------------------------------------
 
@@ -301,6 +338,11 @@ class RealTimeLoop:
         with contextlib.suppress(Exception):
             self._record()
         self._checkpoints.close()
+        if self._recorder is not None and self._recorder.stdin is not None:
+            with contextlib.suppress(OSError, subprocess.TimeoutExpired):
+                self._ring.put(executor)
+                self._recorder.stdin.close()
+                self._recorder.wait(timeout=5.0)
 
 
 def _done(work: Callable[[], Any]) -> dict[str, Any]:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import numpy as np
+
 from vega_planner.layers.folds import folded_ears
 
 

@@ -37,7 +37,7 @@ def refine_sheet(sheet: Sheet, sources: Sources, brr: DistanceField | None) -> S
         The refined sheet, its old vertices first.
     """
     tri, rings = sources.tri, sources.rings
-    brr_tri = brr.tri if brr else np.zeros((0, 13))
+    brr_tri = brr.tri if brr else np.zeros((0, 16))
     brr_box = brr.box if brr else np.zeros((1, 6))
     active: Ints = np.arange(len(sheet.faces))
     for _ in range(ROUNDS):

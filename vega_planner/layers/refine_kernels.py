@@ -161,16 +161,20 @@ def place_middles(
                     on_crease = True
                     s = q
                     x, y, z = v[0], v[1], v[2]
+        checked = False
         for _ in range(0 if on_crease else 6):
             s, d2, fx, fy, fz = walk(tri, corner, ring_start, ring, s, x, y, z)
-            if turn < 0.9 and len(box) > 0:
+            e = max(np.sqrt(d2), 1e-9)
+            if abs(e - r) < 0.05 and turn < 0.9 and len(box) > 0 and not checked:
                 # Across a crease another sheet may be nearer than walking tells.
-                bound = max(np.sqrt(d2) - 0.01, 0.0)
+                checked = True
+                bound = max(e - 0.01, 0.0)
                 q, _ = nearest(tri, box, x, y, z, -1, bound * bound, stack, lower)
                 if q >= 0:
+                    checked = False
                     s = q
                     d2, fx, fy, fz = closest(tri, s, x, y, z)
-            e = max(np.sqrt(d2), 1e-9)
+                    e = max(np.sqrt(d2), 1e-9)
             if abs(e - r) < 1e-4:
                 break
             x = fx + (x - fx) * r / e

@@ -127,6 +127,7 @@ def order_patches(
     settings: PrintabilitySettings,
     report: Report,
     assessment: Assessment | None = None,
+    cut: bool = False,
 ) -> PrintOrder:
     """Find the deposition sequence.
 
@@ -142,6 +143,8 @@ def order_patches(
         settings: Limits and clearance.
         report: Receives progress; may raise `Cancelled`.
         assessment: The judgement the patches come from; its report is carried on.
+        cut: Whether to cut patches that wait for each other into bands of height even where
+            all layers are printable as they are.
 
     Returns:
         The patches in print order with the proof.
@@ -165,12 +168,13 @@ def order_patches(
     if assessment is not None:
         order = _with_cores_held(_natural_order(patches, assessment), graph, assessment)
         found = _proven(task, graph, order, report)
-    if found is None or found.cost > ACCEPTED_SHARE * sum(patch.area for patch in patches):
+    if cut or found is None or found.cost > ACCEPTED_SHARE * sum(p.area for p in patches):
         graph = task.with_blocking(graph)
         if settings.orientation == "collision-free" and graph.tangles():
             # layers that are printable as they are stay whole: what is left is resolved
             # pass by pass when the paths are laid
-            graph = _untangled(task, graph, report, cut=_base_report(assessment).status != "fully")
+            cut = cut or _base_report(assessment).status != "fully"
+            graph = _untangled(task, graph, report, cut)
         before, _ = break_cycles(graph.hard, graph.soft)
         other = _proven(task, graph, sequence(before, _keys(graph.patches, stack)), report)
         if found is None or other.cost < found.cost:

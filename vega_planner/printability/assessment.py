@@ -68,6 +68,9 @@ WALL_DEG, OFF_PLANE_DEG = 60.0, 25.0
 #: Sheets judged between two reports of progress.
 AT_ONCE = 8
 
+#: Area that may be printed from inside and the layers still count as printed as they are.
+SLIVER_RATIO = 1e-4
+
 #: Area that may be lost to slivers and still count as printable.
 NEGLIGIBLE_RATIO = 2e-3
 
@@ -341,7 +344,7 @@ def judge_side(
         off += tilt_of(axes) - tilt_of(normals)
         hopeful &= (tilt_of(normals) > np.radians(WALL_DEG)) & (off < np.radians(OFF_PLANE_DEG))
     if settings.orientation == "collision-free":
-        later = (code == _CODE["own_layer"]) | (code == _CODE["printed_part"])
+        later = np.isin(code, [_CODE[name] for name in ("own_layer", "printed_part", "plate")])
         hopeful |= later & (limit >= 0)
         stuck = hopeful & ~oriented.clear
         axes = np.where(stuck[:, None], [0.0, 0.0, 1.0], axes)
@@ -473,13 +476,14 @@ def _summarise(
         bad = np.flatnonzero(sheet.side == NEITHER)
         code[bad] = sheet.outside.code[faces[bad]].max(1)
         codes.append(code)
+    total = max(total, 1e-300)
     # what fills the core has no outer side and is printed from wherever it can be
-    whole = all(
-        (sheet.side == OUTSIDE).all()
+    turned = sum(
+        float(layer.face_areas[sheet.side != OUTSIDE].sum())
         for layer, sheet in zip(stack.sheets, judged)
         if layer.kind != "core"
     )
-    total = max(total, 1e-300)
+    whole = turned <= SLIVER_RATIO * total
     status = "fully" if whole else "conditionally"
     if printable < (1 - NEGLIGIBLE_RATIO) * total:
         status = "not"

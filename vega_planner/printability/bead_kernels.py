@@ -15,8 +15,6 @@ from numba import njit
 #: Beads in a block and blocks in a group, each with a ball around it.
 BLOCK, GROUP = 16, 16
 
-_FREE = 1e3  # clearance [mm] where nothing is near
-
 
 @njit(nogil=True, cache=True)
 def lay_beads(points, axes, width, height, first, out):
@@ -128,64 +126,90 @@ def _may_touch(ball, px, py, pz, ux, uy, uz, first, last, widest, step, enough):
 
 
 @njit(nogil=True, cache=True)
+def _block_gap(
+    beads, begin, end, px, py, pz, ux, uy, uz, at, radius, near
+):  # fmt: skip
+    """Measure how far a pose stays from the beads `begin` to `end`, if nearer than `near`."""
+    best = near
+    for k in range(begin, end):
+        x = beads[k, 0] - px
+        y = beads[k, 1] - py
+        z = beads[k, 2] - pz
+        way = math.sqrt(beads[k, 3] ** 2 + beads[k, 4] ** 2 + beads[k, 5] ** 2)
+        flat = math.sqrt(beads[k, 6] ** 2 + beads[k, 7] ** 2 + beads[k, 8] ** 2)
+        h = beads[k, 9]
+        s = x * ux + y * uy + z * uz
+        r = math.sqrt(max(x * x + y * y + z * z - s * s, 0.0))
+        if _outside(s, r, at, radius) - way - flat - h > best:
+            continue
+        along = max(1, math.ceil(way / 0.2))
+        across = max(1, math.ceil(flat / 0.15)) if flat > 1e-9 else 0
+        for m in range(-along, along + 1):
+            v = m / along
+            for j in range(-across, across + 1):
+                w = j / across if across > 0 else 0.0
+                qx = x + v * beads[k, 3] + w * beads[k, 6]
+                qy = y + v * beads[k, 4] + w * beads[k, 7]
+                qz = z + v * beads[k, 5] + w * beads[k, 8]
+                s = qx * ux + qy * uy + qz * uz
+                r = math.sqrt(max(qx * qx + qy * qy + qz * qz - s * s, 0.0))
+                best = min(best, _outside(s, r, at, radius) - h)
+    return best
+
+
+@njit(nogil=True, cache=True)
 def bead_clearance(
     points, axes, counts, beads, blocks, groups, at, radius, widest, step, enough, give_up, out
 ):
     """Measure how far tool poses stay from the beads that are there.
 
+    What one pose hits, the next one is held against first; then the youngest beads.
+
     Args:
         points, axes: (n, 3) tips [mm] and unit axes.
         counts: (n,) number of beads laid before each pose.
         beads: (k, 10) of `lay_beads`.
-        blocks, groups: balls around `BLOCK` beads, and around `GROUP` blocks, (·, 4).
+        blocks, groups: balls around `BLOCK` beads, and around `GROUP` blocks, (k, 4).
         at, radius: (c,) corners of the tool's outline from where it begins to count [mm].
         widest: largest radius [mm] of the tool up to s = `step` * index.
-        enough: Clearance [mm] beyond which the exact value does not matter.
+        enough: Clearance [mm] beyond which the exact value does not matter; the most that
+            is told.
         give_up: A clearance below this ends the search.
         out: (n,) float64, written: clearance [mm], negative where the tool is in a bead.
     """
     first, last = at[0], at[at.shape[0] - 1]
+    hint = -1
     for i in range(points.shape[0]):
         px, py, pz = points[i, 0], points[i, 1], points[i, 2]
         ux, uy, uz = axes[i, 0], axes[i, 1], axes[i, 2]
         count = counts[i]
-        best = _FREE
-        near = enough
-        for g in range((count + BLOCK * GROUP - 1) // (BLOCK * GROUP)):
+        best = enough
+        if hint >= 0 and hint * BLOCK < count:
+            best = _block_gap(
+                beads, hint * BLOCK, min((hint + 1) * BLOCK, count), px, py, pz, ux, uy, uz,
+                at, radius, best,
+            )  # fmt: skip
+        for g in range((count + BLOCK * GROUP - 1) // (BLOCK * GROUP) - 1, -1, -1):
             if best < give_up:
                 break
-            if not _may_touch(groups[g], px, py, pz, ux, uy, uz, first, last, widest, step, near):
+            near = max(best, 0.0)
+            if not _may_touch(
+                groups[g], px, py, pz, ux, uy, uz, first, last, widest, step, near
+            ):  # fmt: skip
                 continue
-            last_block = min((g + 1) * GROUP, (count + BLOCK - 1) // BLOCK)
-            for b in range(g * GROUP, last_block):
+            end = min((g + 1) * GROUP, (count + BLOCK - 1) // BLOCK)
+            for b in range(end - 1, g * GROUP - 1, -1):
                 if not _may_touch(
-                    blocks[b], px, py, pz, ux, uy, uz, first, last, widest, step, near
-                ):
+                    blocks[b], px, py, pz, ux, uy, uz, first, last, widest, step, max(best, 0.0)
+                ):  # fmt: skip
                     continue
-                for k in range(b * BLOCK, min((b + 1) * BLOCK, count)):
-                    x = beads[k, 0] - px
-                    y = beads[k, 1] - py
-                    z = beads[k, 2] - pz
-                    way = math.sqrt(beads[k, 3] ** 2 + beads[k, 4] ** 2 + beads[k, 5] ** 2)
-                    flat = math.sqrt(beads[k, 6] ** 2 + beads[k, 7] ** 2 + beads[k, 8] ** 2)
-                    h = beads[k, 9]
-                    s = x * ux + y * uy + z * uz
-                    r = math.sqrt(max(x * x + y * y + z * z - s * s, 0.0))
-                    if _outside(s, r, at, radius) - way - flat - h > min(near, best):
-                        continue
-                    along = max(1, math.ceil(way / 0.2))
-                    across = max(1, math.ceil(flat / 0.15)) if flat > 1e-9 else 0
-                    for m in range(-along, along + 1):
-                        v = m / along
-                        for j in range(-across, across + 1):
-                            w = j / across if across > 0 else 0.0
-                            qx = x + v * beads[k, 3] + w * beads[k, 6]
-                            qy = y + v * beads[k, 4] + w * beads[k, 7]
-                            qz = z + v * beads[k, 5] + w * beads[k, 8]
-                            s = qx * ux + qy * uy + qz * uz
-                            r = math.sqrt(max(qx * qx + qy * qy + qz * qz - s * s, 0.0))
-                            best = min(best, _outside(s, r, at, radius) - h)
-                    near = min(enough, max(best, 0.0))
+                gap = _block_gap(
+                    beads, b * BLOCK, min((b + 1) * BLOCK, count), px, py, pz, ux, uy, uz,
+                    at, radius, best,
+                )  # fmt: skip
+                if gap < best:
+                    best = gap
+                    hint = b
                 if best < give_up:
                     break
         out[i] = best

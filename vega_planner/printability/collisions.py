@@ -38,8 +38,9 @@ FREE_MM = 2.5
 #: Beads are pressed into each other; the tool may be as deep in one and not collide [mm].
 TOUCH_MM = 0.05
 
-#: Where other poses are tried, how deep a bad one is does not matter beyond this [mm].
-GIVE_UP_MM = -0.1
+#: Where other poses are tried, how deep a bad one is does not matter beyond this [mm], nor
+#: how far away a good one is beyond that.
+GIVE_UP_MM, ENOUGH_MM = -0.02, 0.2
 
 #: Colliding waypoints of one pass that are asked for what they hit, at most about.
 HITS_LOOKED_AT = 20
@@ -306,17 +307,17 @@ class Surroundings:
             number: Numbers of the waypoints, shape (n,).
 
         Returns:
-            Clearances [mm], exact only between -0.1 and 0.5, shape (n,).
+            Clearances [mm], exact only between `GIVE_UP_MM` and `ENOUGH_MM`, shape (n,).
         """
         gap = self._near.height_above(tips, axes) - self._plate
         for shape, chosen in ((self._near, ~free), (self._whole, free)):
             todo = np.flatnonzero(chosen & (gap >= 0))
             if self._fixed is not EMPTY:
-                other = self._fixed.clearance(shape, tips[todo], axes[todo], 0.5)
+                other = self._fixed.clearance(shape, tips[todo], axes[todo], ENOUGH_MM)
                 gap[todo] = np.minimum(gap[todo], other)
                 todo = todo[gap[todo] >= 0]
             other = self._beads.clearance(
-                shape, tips[todo], axes[todo], number[todo], 0.5, GIVE_UP_MM
+                shape, tips[todo], axes[todo], number[todo], ENOUGH_MM, GIVE_UP_MM
             )
             gap[todo] = np.minimum(gap[todo], other)
         return gap

@@ -38,6 +38,9 @@ RAMP_MM = 4.0
 #: Rounds of checking and turning.
 ROUNDS = 3
 
+#: Share of colliding waypoints up to which patches are printed in common bands.
+FEW_SHARE = 0.015
+
 #: Share of colliding waypoints beyond which turning the nozzle is no answer.
 HOPELESS_SHARE = 0.3
 
@@ -77,8 +80,9 @@ def resolve_collisions(
     task = _Task(stack, cell, settings, report, checked)
     best = _without_rest(task, *_settled(task, toolpaths, check))
     ranges: list[tuple[int, int]] = []
-    for last in (False, False, True):
-        if not best[1].colliding:
+    # over a substrate, patches printed from inside and outside do not share bands
+    for last in (False, False, True) if cell.substrate is None else ():
+        if not 0 < best[1].colliding <= FEW_SHARE * best[1].checked:
             break
         # what stands in the way of each other is printed in common bands of height
         around = Surroundings(best[0], stack, cell)
@@ -117,7 +121,7 @@ def _settled(
             break
         toolpaths, check = turned, again
     travels = np.array(list(check.of_travels()), np.int64)
-    if len(travels):
+    if len(travels) and check.colliding <= HOPELESS_SHARE * check.checked:
         around = Surroundings(toolpaths, task.stack, task.cell)
         moved = reroute(toolpaths, travels, around, task.cell, task.report)
         again = task.checked(moved)

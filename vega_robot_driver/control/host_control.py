@@ -57,7 +57,7 @@ class HostControl:
     def reset(self) -> None:
         """Forget the past: the next target is where the axes are."""
         self._integral = np.zeros(len(self._names))
-        self._target: Floats | None = None
+        self._sent: list[tuple[Floats, Floats]] = []
         self._speed = np.zeros(len(self._names))
         self._outside = np.zeros(len(self._names))
 
@@ -69,26 +69,29 @@ class HostControl:
         Args:
             target: Where the axes should be at the end of the cycle [m, rad], shape (j,).
             speed: How fast they should then be, shape (j,).
-            position: Where they were at its beginning [increments].
-            measured: How fast they were [increments/s].
+            position: Where the last frame found them: at the beginning of the last cycle
+                [increments].
+            measured: How fast they were then [increments/s].
 
         Returns:
             Torques in per mille of the drives' rated torque (object 6071).
         """
         here = np.array(position) / self._scale + self._offset
         fast = np.array(measured) / self._scale
-        wanted = here if self._target is None else self._target
+        # What was read last is older than what was sent last, by a cycle.
+        wanted, pace = self._sent[0] if self._sent else (here, np.zeros_like(here))
         self.error = wanted - here
         forward = self._mass * (speed - self._speed) / self._dt
         if self.disturbance is not None:
             forward = forward + self.disturbance(target, speed)
-        force = forward + self._kp * self.error + self._integral + self._kd * (self._speed - fast)
+        force = forward + self._kp * self.error + self._integral + self._kd * (pace - fast)
         self.force = np.minimum(np.maximum(force, -self._most), self._most)
         free = force == self.force  # no winding up against the limit
         self._integral = self._integral + free * self._ki * self.error * self._dt
         outside = np.abs(self.error) > self._window
         self._outside = np.where(outside, self._outside + self._dt, 0.0)
-        self._target, self._speed = target.copy(), speed.copy()
+        self._sent = [*self._sent[-1:], (target.copy(), speed.copy())]
+        self._speed = self._sent[-1][1]
         return [int(value) for value in np.rint(self.force * self._per_mille)]
 
     @property

@@ -91,7 +91,7 @@ class MusashiDispenser(Dispenser):
         channel: int = 1,
         dialect: str = "super_sigma",
         writes: bool = False,
-        timeout_s: float = 0.1,
+        timeout_s: float = 0.2,
         watch_s: float = 0.25,
     ) -> None:
         if dialect not in DIALECTS:

@@ -8,7 +8,7 @@ import random
 from dataclasses import dataclass, field
 
 #: Integration step of an axis that is pushed [s].
-_STEP = 0.000125
+_STEP = 0.00025
 #: Speed within which friction turns round [m/s, rad/s].
 _TURNING = 2e-4
 
@@ -86,16 +86,18 @@ class Axis:
         steps = max(1, round(dt / _STEP))
         h = dt / steps
         turn = 2 * math.pi / (forces.pitch * forces.scale)
+        pushed = share * forces.rated - forces.gravity + noise
+        by_mass = h / forces.mass
+        speed = self.speed / forces.scale
         for _ in range(steps):
             phase = turn * (self.position + self.origin)
             ripple = math.sin(phase) + 0.4 * math.sin(3 * phase + 0.7)
-            force = share * forces.rated - forces.gravity - forces.cogging * ripple + noise
             # Friction is taken at the end of the step: stiff, and yet it never pushes.
-            speed = self.speed / forces.scale
             drag = forces.viscous + forces.coulomb / max(abs(speed), _TURNING)
-            speed = (speed + h * force / forces.mass) / (1.0 + h * drag / forces.mass)
+            speed = (speed + by_mass * (pushed - forces.cogging * ripple)) / (1.0 + by_mass * drag)
             self.speed = speed * forces.scale
             self._advance(h)
+            speed = self.speed / forces.scale  # a stop or a jam has taken it
         return None
 
     def _advance(self, dt: float) -> None:

@@ -7,6 +7,8 @@ dictionary is the generic one of the standard: no particular maker's.
 
 from __future__ import annotations
 
+import struct
+
 from vega_robot_driver.emulators.axis import Axis
 from vega_robot_driver.emulators.object_dictionary import (
     WRONG_STATE,
@@ -52,8 +54,9 @@ class Cia402Drive:
         self._outside_s = 0.0
         self._previous_control = 0
         self._fresh = False
-        self._received: list[Entry | int] = []
-        self._sent: list[Entry | int] = []
+        self._received: list[Entry] = []
+        self._sent: list[Entry] = []
+        self._reader = self._writer = struct.Struct("")
         self.objects = ObjectDictionary(before_write=self._check_write)
         self._fill(self.objects)
 
@@ -61,27 +64,19 @@ class Cia402Drive:
 
     def compile_mapping(self) -> tuple[int, int]:
         """Fix the mapping of the process data; returns bytes received and sent a cycle."""
-        self._received = self.objects.mapping(0x1C12)
-        self._sent = self.objects.mapping(0x1C13)
-        return _size(self._received), _size(self._sent)
+        self._received, self._reader = _layout(self.objects.mapping(0x1C12))
+        self._sent, self._writer = _layout(self.objects.mapping(0x1C13))
+        return self._reader.size, self._writer.size
 
     def take_outputs(self, data: bytes) -> None:
         """Take the process data that the master sent."""
-        at = 0
-        for item in self._received:
-            if isinstance(item, int):
-                at += item
-                continue
-            signed = item.form.islower()
-            item.value = int.from_bytes(data[at : at + item.size], "little", signed=signed)
-            at += item.size
+        for entry, value in zip(self._received, self._reader.unpack(data), strict=True):
+            entry.value = value
         self._fresh = True
 
     def give_inputs(self) -> bytes:
         """Give the process data for the master."""
-        return b"".join(
-            bytes(item) if isinstance(item, int) else item.packed() for item in self._sent
-        )
+        return self._writer.pack(*[entry.value for entry in self._sent])
 
     def lose_master(self) -> None:
         """The master is silent, or took the bus down: outputs off, stop quickly."""
@@ -119,6 +114,7 @@ class Cia402Drive:
         else:
             axis.move(0.0, dt)
             self._demand = axis.position
+            self._recent.clear()
         error = self._demand - axis.position
         if self._mode == CYCLIC_SYNCHRONOUS_POSITION:
             self._watch_error(abs(error), dt)
@@ -292,5 +288,8 @@ class Cia402Drive:
         objects.add_list(0x1C32, "H", [0])
 
 
-def _size(items: list[Entry | int]) -> int:
-    return sum(item if isinstance(item, int) else item.size for item in items)
+def _layout(items: list[Entry | int]) -> tuple[list[Entry], struct.Struct]:
+    """Entries of a mapping, and how they lie in the bytes; gaps are left out."""
+    forms = "".join(f"{item}x" if isinstance(item, int) else item.form for item in items)
+    entries = [item for item in items if not isinstance(item, int)]
+    return entries, struct.Struct("<" + forms)

@@ -93,6 +93,9 @@ def main() -> None:
     now = time.monotonic() if by_clock else 0.0
     line = Line(build_segment(read_bus_config(config)), float(cycle), now)
     server = Server(line, interface, Path(status), by_clock, int(commands))
+    if by_clock:  # below the master's priority, above everything else; it may be refused
+        with contextlib.suppress(OSError):
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(70))
     print("ready", flush=True)
     with contextlib.suppress(KeyboardInterrupt):
         server.run()

@@ -9,8 +9,9 @@ from typing import Any
 
 from vega_robot_driver.emulators.segment import Segment
 
-#: Speed below which an axis stands [increments/s].
-STANDING = 1.0
+#: Speed below which an axis stands [increments/s], and how long none may have moved until that
+#: is a standstill [s]: nothing that looks at the axes cycle by cycle sees it sooner.
+STANDING, SETTLED = 1.0, 0.02
 
 
 class Witness:
@@ -24,7 +25,7 @@ class Witness:
         self._drives = [slave.drive for slave in segment.slaves]
         self._outputs = [drive.objects.entry(0x60FE, 1) for drive in self._drives]
         self._on_at_standstill = 0
-        self._moved = self._opened = 0.0
+        self._moved = self._opened = self._looked = self._stood = 0.0
         self._marked: dict[str, float] = {}
         self._path: Path | None = None
         self._trace = array("d")
@@ -33,9 +34,11 @@ class Witness:
         """Note what is so at this time."""
         on = any(output.value for output in self._outputs)
         moving = any(abs(drive.axis.speed) >= STANDING for drive in self._drives)
-        self._on_at_standstill += on and not moving
+        self._stood = 0.0 if moving else self._stood + min(now - self._looked, SETTLED / 10)
+        self._looked = now
         if moving:
             self._moved = now
+        self._on_at_standstill += on and self._stood > SETTLED
         if on:
             self._opened = now
         if self._path is not None:
