@@ -19,6 +19,7 @@ ORDER = (
     "engines",
     "printability",
     "toolpaths",
+    "spacing",
     "trajectory",
     "whole",
     "fidelity",

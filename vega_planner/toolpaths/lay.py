@@ -29,7 +29,15 @@ from vega_planner.toolpaths.bead import (
     section_area,
 )
 from vega_planner.toolpaths.contour import contour_lines
-from vega_planner.toolpaths.isolines import AXIS, CELL, NORMAL, POSITION, THICKNESS, Line
+from vega_planner.toolpaths.isolines import (
+    AXIS,
+    CELL,
+    NORMAL,
+    POSITION,
+    THICKNESS,
+    Line,
+    vertex_values,
+)
 from vega_planner.toolpaths.linking import Pass, attach_lines, link_lines, link_loops
 from vega_planner.toolpaths.planar import concentric_lines, is_flat, parallel_lines
 from vega_planner.toolpaths.polyline_kernels import line_length, resample
@@ -40,7 +48,7 @@ from vega_planner.toolpaths.spiral import spiral_passes
 from vega_planner.toolpaths.surface import connect
 from vega_planner.toolpaths.travel import TravelPlanner
 from vega_planner.toolpaths.wedges import wedge_lines
-from vega_planner.toolpaths.zigzag import zigzag_lines
+from vega_planner.toolpaths.zigzag import Zigzag, zigzag_lines
 
 if TYPE_CHECKING:
     from vega_planner.robot.workcell import Workcell
@@ -202,18 +210,18 @@ def patch_passes(
         found = link_loops(lines, spacing, longest, toward)
     elif settings.pattern == "zigzag":
         angle = settings.angle_deg + 90.0 * (patch.layer % 2)
-        if flat:
-            loops, lines, guides = parallel_lines(surface, patch, spacing, angle)
-            lines = [_scaled(line, flow) for line in lines]
-            found = link_lines(loops, lines, guides, spacing, longest, toward)
+        if flat or is_flat(patch):
+            loops, lines, guides = parallel_lines(surface, patch, spacing, angle, inside=flat)
+            nowhere = np.zeros(len(patch.vertices))
+            laid = Zigzag(loops, lines, guides, vertex_values(patch, spacing, nowhere))
         else:
             laid = zigzag_lines(surface, patch, spacing, angle, ground=ground, euclidean=euclidean)
-            lines = [_scaled(line, flow) for line in laid.lines]
-            found = link_lines(laid.loops, lines, laid.guides, spacing, longest, toward)
-            if laid.lines and not euclidean:
-                wedges = wedge_lines(laid.loops, found, patch.vertices, laid.values, spacing)
-                wedges = [_scaled(line, flow) for line in wedges]
-                found = attach_lines(found, wedges, longest, _ALONE * spacing)
+        lines = [_scaled(line, flow) for line in laid.lines]
+        found = link_lines(laid.loops, lines, laid.guides, spacing, longest, toward)
+        if laid.lines and not (flat or euclidean):
+            wedges = wedge_lines(laid.loops, found, patch.vertices, laid.values, spacing)
+            wedges = [_scaled(line, flow) for line in wedges]
+            found = attach_lines(found, wedges, longest, _ALONE * spacing)
     else:
         lines, used = contour_lines(surface, patch, spacing, ground=ground, euclidean=euclidean)
         lines = [_scaled(line, flow) for line in lines]

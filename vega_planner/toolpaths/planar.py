@@ -76,7 +76,7 @@ def region(surface: Surface) -> Any:
 
 
 def parallel_lines(
-    surface: Surface, patch: Patch, spacing: float, angle_deg: float
+    surface: Surface, patch: Patch, spacing: float, angle_deg: float, *, inside: bool = True
 ) -> tuple[list[Line], list[Line], list[Line]]:
     """Lay a wall along the outline and straight lines inside it.
 
@@ -85,6 +85,7 @@ def parallel_lines(
         patch: A flat patch, normals along z.
         spacing: Distance between lines [mm].
         angle_deg: Direction of the lines about z [deg].
+        inside: As for `concentric_lines`.
 
     Returns:
         The walls, the lines, and the curves that links between lines follow.
@@ -94,14 +95,14 @@ def parallel_lines(
     shape = region(surface)
     height = float(patch.vertices[:, 2].mean())
     thickness = float(patch.thickness.mean())
-    inset = 0.5 * spacing + 0.5 * ROUNDING * thickness
+    inset = 0.5 * spacing + (0.5 * ROUNDING * thickness if inside else 0.0)
     walls = [
         _line(ring, True, 0, height, thickness, spacing) for ring in _rings(_offset(shape, -inset))
     ]
-    inside = _offset(shape, -_LINK_ROOM * spacing)
-    if inside.is_empty:
-        return concentric_lines(surface, patch, spacing), [], []
-    guides = [_line(ring, True, 0, height, thickness, spacing) for ring in _rings(inside)]
+    room = _offset(shape, -_LINK_ROOM * spacing)
+    if room.is_empty:
+        return concentric_lines(surface, patch, spacing, inside=inside), [], []
+    guides = [_line(ring, True, 0, height, thickness, spacing) for ring in _rings(room)]
     angle = math.radians(angle_deg)
     along = np.array([math.cos(angle), math.sin(angle)])
     across = np.array([-along[1], along[0]])
@@ -114,7 +115,7 @@ def parallel_lines(
     for level in range(count):
         offset = low + (level + 0.5) * step
         cut = shapely.LineString([first * along + offset * across, last * along + offset * across])
-        for piece in getattr(cut.intersection(inside), "geoms", [cut.intersection(inside)]):
+        for piece in getattr(cut.intersection(room), "geoms", [cut.intersection(room)]):
             if piece.geom_type == "LineString" and piece.length > 0.5 * spacing:
                 points = np.asarray(piece.coords)
                 lines.append(_line(points, False, level, height, thickness, step))
