@@ -29,7 +29,6 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
-from visualization_msgs.msg import MarkerArray
 
 from vega_msgs.action import ExecutePrint
 from vega_msgs.msg import PrintStatus
@@ -58,6 +57,7 @@ from vega_robot_driver.nodes.conversions import (
     print_status_to_msg,
 )
 from vega_robot_driver.nodes.printed import PrintedBeads
+from vega_robot_driver.nodes.tip_trail import TipTrail
 from vega_robot_driver.resume import approach
 from vega_robot_driver.status import MachineStatus, StatusPage
 
@@ -76,7 +76,7 @@ PARAMETERS: dict[str, tuple[Any, str]] = {
     "time_scale": (500.0, "How much faster than the clock a simulation runs, if not realtime."),
     "cycle_time": (0.002, "Cycle time of the axes [s]."),
     "ramp_time": (0.1, "Time from full speed along the path to standstill [s]."),
-    "stale_time": (0.5, "Silence of this node after which the machine stops [s]."),
+    "stale_time": (0.1, "Silence of this node after which the machine stops [s]."),
     "orphan_time": (30.0, "Time a machine without a driver holds its axes [s]; 0 for ever."),
     "overlap_time": (0.5, "Time along the path by which a resumed print joins it earlier [s]."),
     "joint_state_rate": (50.0, "Rate of joint_states [Hz]."),
@@ -106,7 +106,8 @@ class RobotDriver(LifecycleNode):
         self._diagnostics = self.create_publisher(DiagnosticArray, "diagnostics", 10)
         self._status = self.create_publisher(PrintStatus, "print_status", 10)
         self._description = self.create_publisher(String, "robot_description", LATCHED)
-        self._beads = PrintedBeads(self.create_publisher(MarkerArray, "printed", LATCHED))
+        self._beads = PrintedBeads(self)
+        self._trail = TipTrail(self)
         shown = MutuallyExclusiveCallbackGroup()
         self.create_timer(1.0 / self._value("joint_state_rate"), self._show_joints, shown)
         self.create_timer(1.0 / self._value("feedback_rate"), self._show_status, shown)
@@ -210,6 +211,7 @@ class RobotDriver(LifecycleNode):
             lower=tuple(robot.lower.tolist()),
             upper=tuple(robot.upper.tolist()),
             velocity=tuple(robot.velocity.tolist()),
+            acceleration=tuple(robot.acceleration.tolist()),
             start=tuple(np.clip(0.0, robot.lower, robot.upper).tolist()),
             dt=self._value("cycle_time"),
             time_scale=1.0 if self._value("realtime") else self._value("time_scale"),
@@ -348,6 +350,7 @@ class RobotDriver(LifecycleNode):
         np.savez(link.folder / "job.npz", waypoints=way, **arrays)
         link.ask("load", job="job.npz", start_u=start, overlap_s=overlap)
         self._beads.start(job, tips)
+        self._trail.clear()
         return link.status().clock
 
     def _watch(
@@ -414,8 +417,10 @@ class RobotDriver(LifecycleNode):
     def _show_joints(self) -> None:
         link, robot = self._link, self._robot
         if link is not None and robot is not None:
-            stamp = self.get_clock().now().to_msg()
-            self._joints.publish(joint_state_to_msg(link.status(), robot.joint_names, stamp))
+            stamp, status = self.get_clock().now().to_msg(), link.status()
+            self._joints.publish(joint_state_to_msg(status, robot.joint_names, stamp))
+            tip, axis, _ = self._tip(status)
+            self._trail.add(tip, axis, dispensing=status.dispenser_on)
 
     def _show_status(self) -> None:
         link = self._link
