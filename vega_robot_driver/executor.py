@@ -17,15 +17,19 @@ from vega_planner.datatypes import Floats
 from vega_planner.errors import Busy, Faulted, InvalidInput, Refused
 from vega_robot_driver.approach import joint_route
 from vega_robot_driver.checkpoint import Checkpoint
+from vega_robot_driver.curve import Curve
 from vega_robot_driver.dispenser.base import Dispenser
+from vega_robot_driver.follower import Cycles, Follower
 from vega_robot_driver.job import PrintJob
 from vega_robot_driver.motion.base import MotionController
+from vega_robot_driver.stall import StallWatch
 
 #: States of the machine, in the order of their numbers on the status page.
-STATES = ("off", "idle", "printing", "pausing", "paused", "stopping", "stopped", "done", "fault")
+STATES = (
+    "off", "idle", "printing", "pausing", "paused", "stopping", "stopped", "done", "fault",
+    "homing",
+)  # fmt: skip
 
-#: Rate of the path parameter below which nothing is dispensed.
-RATE_FLOOR = 0.05
 #: Largest distance between the axes and the path's first point at the start [m, rad].
 START_TOLERANCE = 2e-3
 #: Share by which a target may exceed a speed limit before the machine stops.
@@ -40,11 +44,14 @@ class Limits:
         lower: Lowest positions [m, rad], shape (j,).
         upper: Highest positions, shape (j,).
         velocity: Highest speeds [m/s, rad/s], shape (j,).
+        acceleration: Highest accelerations [m/s², rad/s²], shape (j,), or None; the rate
+            along the path does not change faster than they allow.
     """
 
     lower: Floats
     upper: Floats
     velocity: Floats
+    acceleration: Floats | None = None
 
 
 class Executor:
@@ -66,7 +73,7 @@ class Executor:
         ramp_s: float = 0.1,
     ) -> None:
         self.motion, self.dispenser, self.limits = motion, dispenser, limits
-        self._ramp = motion.dt / ramp_s
+        self._ramp_s = ramp_s
         self.state = "off"
         self.detail = ""
         self.job: PrintJob | None = None
@@ -78,8 +85,8 @@ class Executor:
         self.cycles = 0
         self.override = 1.0
         self.start_u = 0.0
-        self._state = np.zeros(5)
-        self._arrays: tuple[Floats, Floats, Floats, Floats] | None = None
+        self._follower: Follower | None = None
+        self._stall = StallWatch(limits.velocity, motion.dt)
 
     # -- requests -----------------------------------------------------------------------
 
@@ -105,7 +112,7 @@ class Executor:
         Raises:
             Busy: If they move.
         """
-        if self.moving:
+        if self.moving or self.state == "homing":
             raise Busy("the axes move; stop first")
         self.motion.disable()
         if self.state != "fault":
@@ -138,24 +145,26 @@ class Executor:
         """
         if self.moving or self.state in ("printing", "pausing", "paused", "stopping"):
             raise Busy(f"job {self.digest[:12]} is {self.state}")
-        if self.state in ("off", "fault"):
+        if self.state in ("off", "fault", "homing"):
             raise Refused(f"the machine is {self.state} {self.detail}".rstrip())
-        join_u = max(start_u - overlap_s, 0.0)
-        times, positions, velocities = _joined(job, join_u)
-        route = [self.positions, *(() if waypoints is None else waypoints), positions[0]]
+        if not self.motion.homed:
+            raise Refused("the axes are not homed: they do not know where they are")
+        path = Curve(job.times, job.positions, job.velocities)
+        path = path.from_time(max(start_u - overlap_s, 0.0))
+        route = [self.positions, *(() if waypoints is None else waypoints), path.positions[0]]
         t, p, v = joint_route(np.array(route), self.limits.velocity)
-        # The approach ends at rest; the first interval of the path leaves from rest too.
-        velocities[0] = 0.0
         spans = job.intervals(lead_s=lead_s, lag_s=lag_s)
         spans = np.maximum(spans[spans[:, 1] > start_u + 1e-9], start_u)
-        self._arrays = (
-            np.concatenate([t[:-1] - t[-1] + join_u, times]),
-            np.concatenate([p[:-1], positions]),
-            np.concatenate([v[:-1], velocities]),
-            np.ascontiguousarray(spans),
+        self._follower = Follower(
+            Curve(t - t[-1] + path.begin, p, v),
+            path,
+            spans,
+            done=start_u,
+            dt=self.motion.dt,
+            ramp_s=self._ramp_s,
+            acceleration=self.limits.acceleration,
         )
         self.job, self.digest, self.start_u = job, job.digest(), start_u
-        self._state[:] = self._arrays[0][0], 0.0, 0.0, 0.0, start_u
         self.state, self.detail = "idle", ""
 
     def run(self, override: float = 1.0) -> None:
@@ -164,9 +173,9 @@ class Executor:
         Raises:
             Refused: If none is loaded, or the axes are not where it starts.
         """
-        if self._arrays is None or self.state != "idle":
+        if self._follower is None or self.state != "idle":
             raise Refused(f"nothing to start; the machine is {self.state}")
-        gap = np.abs(self._arrays[1][0] - self.positions).max()
+        gap = np.abs(self._follower.first - self.positions).max()
         if gap > START_TOLERANCE:
             raise Refused(f"the axes are {gap:g} from the start; allowed: {START_TOLERANCE:g}")
         self.override = min(max(override, 0.05), 1.0)
@@ -199,6 +208,22 @@ class Executor:
             self.state, self.detail = "stopping", reason
         elif self.state == "paused":
             self.state, self.detail = "stopped", reason
+        elif self.state == "homing":
+            self.fail(reason)
+
+    def home(self) -> None:
+        """Home the axes that have no absolute encoder.
+
+        Raises:
+            Busy: If a job runs.
+        """
+        if self.moving or self.state in ("printing", "pausing", "paused", "stopping", "homing"):
+            raise Busy(f"cannot home; the machine is {self.state}")
+        if self.state == "fault":
+            raise Refused(f"cannot home; the machine is in its fault state: {self.detail}")
+        self.motion.home()
+        if self.motion.homing:
+            self.state, self.detail, self._follower = "homing", "", None
 
     def fail(self, reason: str) -> None:
         """Latch a fault: all axes stop quickly, the dispenser is off."""
@@ -209,79 +234,106 @@ class Executor:
         """Leave the fault state, without power; only on an explicit request."""
         if self.state == "fault":
             self.motion.reset_fault()
-            self._arrays = None
+            self._follower = None
             self.state, self.detail = "off", ""
 
     # -- cycles -------------------------------------------------------------------------
 
     def advance(self, cycles: int) -> None:
         """Exchange a number of cycles with the axes and the dispenser."""
-        joints = len(self.positions)
-        gate, done_before = np.zeros(cycles, np.bool_), self.done_u
+        gate = np.zeros(cycles, np.bool_)
         if self.state == "fault":
             self._fault_cycles(cycles)
+        elif self.state == "homing":
+            self._home_cycles(cycles)
         elif self.state == "off":
             feedback = self.motion.exchange(
-                np.tile(self.positions, (cycles, 1)), np.zeros((cycles, joints)), gate
+                np.tile(self.positions, (cycles, 1)), np.zeros((cycles, len(self.positions))), gate
             )
             self.positions = self.targets = feedback.positions
         else:
-            targets, speeds = np.empty((cycles, joints)), np.zeros((cycles, joints))
-            if self._arrays is None or self.state in ("idle", "stopped", "done"):
-                targets[:] = self.targets
-            else:
-                self._follow(targets, speeds, gate)
-            if self._within_limits(targets):
-                self._exchange(targets, speeds, gate, done_before)
-            else:
-                self._fault_cycles(cycles)
+            gate = self._move(cycles)
         self.gate = bool(gate[-1]) and self.state != "fault"
         self.pressure = self.dispenser.follow(gate, self.motion.dt)
         self.cycles += cycles
 
-    def _follow(self, targets: Floats, speeds: Floats, gate: np.ndarray) -> None:
-        from vega_robot_driver.kernels import follow
-
-        assert self._arrays is not None
-        want = self.override if self.state == "printing" else 0.0
-        allowed = self.state in ("printing", "pausing", "paused")
-        dt = self.motion.dt
-        follow(
-            *self._arrays,
-            self._state,
-            want,
-            self._ramp,
-            allowed,
-            RATE_FLOOR,
-            dt,
-            targets,
-            speeds,
-            gate,
-        )
-        if self.u >= self._arrays[0][-1]:
-            self.state, self.detail = "done", ""
-        elif self.rate == 0.0 and self.state == "pausing":
-            self.state = "paused"
-        elif self.rate == 0.0 and self.state == "stopping":
-            self.state = "stopped"
-
-    def _exchange(
-        self, targets: Floats, speeds: Floats, gate: np.ndarray, done_before: float
-    ) -> None:
-        feedback = self.motion.exchange(targets, speeds, gate)
-        self.targets = targets[-1].copy()
+    def _move(self, cycles: int) -> np.ndarray:
+        """Follow the path, or hold; returns what the dispenser was told."""
+        before = self.done_u
+        if self._follower is None or self.state in ("idle", "stopped", "done"):
+            held = np.tile(self.targets, (cycles, 1))
+            u = np.full(cycles, self.u)
+            off = np.zeros(cycles, np.bool_)
+            asked = Cycles(held, np.zeros_like(held), off, u, np.full(cycles, before))
+        else:
+            want = self.override if self.state == "printing" else 0.0
+            allowed = self.state in ("printing", "pausing", "paused")
+            asked = self._follower.advance(cycles, want, allowed)
+        gate = asked.gate.copy()
+        if not self._within_limits(asked.targets):
+            gate[:] = False
+            self._take_back(asked, 0, before)
+            self._fault_cycles(cycles)
+            return gate
+        if self.dispenser.fault:
+            self.fail(self.dispenser.fault)
+            gate[:] = False
+            self._take_back(asked, 0, before)
+            self._fault_cycles(cycles)
+            return gate
+        feedback = self.motion.exchange(asked.targets, asked.speeds, gate)
+        self.targets = asked.targets[-1].copy()
         self.positions = feedback.positions
+        fault = feedback.fault or self._stalled(cycles, asked)
+        if fault:
+            self.fail(fault)
+            good = cycles if feedback.cycles is None else feedback.cycles
+            gate[good:] = False
+            self._take_back(asked, good, before)
+        elif self._follower is not None:
+            self._reached(self._follower)
+        return gate
+
+    def _home_cycles(self, cycles: int) -> None:
+        feedback = self.motion.home_cycles(cycles)
+        self.positions, self.targets = feedback.positions, feedback.positions.copy()
         if feedback.fault:
             self.fail(feedback.fault)
-            gate[:] = False
-            self._state[4] = done_before
+        elif not self.motion.homing:
+            self.state = "idle"
+
+    def _stalled(self, cycles: int, asked: Cycles) -> str:
+        """Say which axis stands while a bead is laid, or nothing."""
+        if not asked.gate.all():
+            self._stall.clear()
+            return ""
+        axis = self._stall.stalled(cycles, self.targets, self.positions)
+        if axis < 0:
+            return ""
+        return f"{self.motion.joint_names[axis]} stands while a bead is laid"
+
+    def _reached(self, follower: Follower) -> None:
+        if self.state not in ("printing", "pausing", "paused", "stopping"):
+            return
+        if follower.ended:
+            self.state, self.detail = "done", ""
+        elif follower.rate == 0.0 and self.state == "pausing":
+            self.state = "paused"
+        elif follower.rate == 0.0 and self.state == "stopping":
+            self.state = "stopped"
+
+    def _take_back(self, asked: Cycles, good: int, before: float) -> None:
+        """Forget what did not reach the axes any more."""
+        if self._follower is not None:
+            self._follower.rewind(asked, good, before)
 
     def _fault_cycles(self, cycles: int) -> None:
         for _ in range(cycles):
             feedback = self.motion.stop_quickly()
             still = not np.abs(feedback.velocities).any()
             self.positions = self.targets = feedback.positions
-            self._state[1] = 0.0
+            if self._follower is not None:
+                self._follower.rate = 0.0
             if still:
                 break
 
@@ -337,22 +389,22 @@ class Executor:
     @property
     def u(self) -> float:
         """Path time [s]; below the job's start while approaching it."""
-        return float(self._state[0])
+        return self._follower.u if self._follower is not None else 0.0
 
     @property
     def rate(self) -> float:
         """Rate of the path time against the clock."""
-        return float(self._state[1])
+        return self._follower.rate if self._follower is not None else 0.0
 
     @property
     def done_u(self) -> float:
         """Path time up to which everything that should be deposited is [s]."""
-        return float(self._state[4])
+        return self._follower.done if self._follower is not None else 0.0
 
     @property
     def moving(self) -> bool:
         """Whether the path parameter moves."""
-        return self._arrays is not None and self.rate > 0.0
+        return self.rate > 0.0
 
     @property
     def path(self) -> int:
@@ -381,20 +433,3 @@ class Executor:
             state=self.state,
             reason=self.detail,
         )
-
-
-def _joined(job: PrintJob, start: float) -> tuple[Floats, Floats, Floats]:
-    """Cut a job's samples at a path time, with a new sample exactly there."""
-    from vega_robot_driver.kernels import find, hermite
-
-    if start <= job.times[0]:
-        return job.times.copy(), job.positions.copy(), job.velocities.copy()
-    index = find(job.times, start, 0)
-    place, speed = np.empty(job.positions.shape[1]), np.empty(job.positions.shape[1])
-    hermite(job.times, job.positions, job.velocities, start, index, place, speed)
-    rest = slice(index + 1, None)
-    return (
-        np.concatenate([[start], job.times[rest]]),
-        np.concatenate([place[None], job.positions[rest]]),
-        np.concatenate([speed[None], job.velocities[rest]]),
-    )

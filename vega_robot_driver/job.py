@@ -14,6 +14,7 @@ import numpy as np
 from vega_planner.datatypes import Bools, Floats, Ints, frozen_array
 from vega_planner.errors import CertificateMismatch, InvalidInput
 from vega_planner.job_digest import job_digest
+from vega_robot_driver.curve import Curve
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,9 +99,7 @@ class PrintJob:
             Lowest and highest positions, largest speeds and the times of these [s], each
             of shape (j,).
         """
-        from vega_robot_driver.kernels import curve_extremes
-
-        return curve_extremes(self.times, self.positions, self.velocities, dt)
+        return Curve(self.times, self.positions, self.velocities).extremes(dt)
 
     def intervals(self, *, lead_s: float = 0.0, lag_s: float = 0.0) -> Floats:
         """List when the dispenser is on.

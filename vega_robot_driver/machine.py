@@ -14,6 +14,7 @@ from vega_planner.errors import InvalidInput
 from vega_robot_driver.dispenser.base import Dispenser
 from vega_robot_driver.executor import Executor, Limits
 from vega_robot_driver.motion.base import MotionController
+from vega_robot_driver.motion.bus_config import DispenserWiring
 
 HARDWARE = ("simulated", "emulated", "ethercat")
 
@@ -29,6 +30,7 @@ class Machine:
         upper: Highest joint positions [m, rad].
         velocity: Highest joint speeds [m/s, rad/s].
         start: Positions of simulated axes at their first start.
+        acceleration: Highest joint accelerations [m/s², rad/s²], or empty where unknown.
         dt: Cycle time [s].
         time_scale: How much faster than the clock a simulation runs.
         ramp_s: Time in which the path rate goes from 0 to 1 and back.
@@ -37,6 +39,7 @@ class Machine:
         pressure_pa: Supply pressure of the dispenser [Pa].
         config: Path of the machine's bus configuration, where it has a bus.
         interface: Network interface of the bus, over the configuration's; or empty.
+        record: Whether every print is recorded, in `recordings` of the state folder.
     """
 
     hardware: str
@@ -45,14 +48,16 @@ class Machine:
     upper: tuple[float, ...]
     velocity: tuple[float, ...]
     start: tuple[float, ...]
+    acceleration: tuple[float, ...] = ()
     dt: float = 0.002
     time_scale: float = 500.0
     ramp_s: float = 0.1
-    stale_s: float = 0.5
+    stale_s: float = 0.1
     orphan_s: float = 30.0
     pressure_pa: float = 130e3
     config: str = ""
     interface: str = ""
+    record: bool = True
 
     def __post_init__(self) -> None:
         if self.hardware not in HARDWARE:
@@ -82,9 +87,11 @@ def build_executor(machine: Machine, folder: Path) -> Executor:
     lower, upper, velocity = (
         np.array(values) for values in (machine.lower, machine.upper, machine.velocity)
     )
+    acceleration = np.array(machine.acceleration) if machine.acceleration else None
+    limits = Limits(lower, upper, velocity, acceleration)
     motion, dispenser = _devices(machine, folder)
     dispenser.set_pressure(machine.pressure_pa)
-    return Executor(motion, dispenser, Limits(lower, upper, velocity), ramp_s=machine.ramp_s)
+    return Executor(motion, dispenser, limits, ramp_s=machine.ramp_s)
 
 
 def _devices(machine: Machine, folder: Path) -> tuple[MotionController, Dispenser]:
@@ -103,7 +110,6 @@ def _devices(machine: Machine, folder: Path) -> tuple[MotionController, Dispense
             memory=folder / "axes.json",
         )
         return motion, SimulatedDispenser()
-    from vega_robot_driver.dispenser.digital_output import DigitalOutputDispenser
     from vega_robot_driver.motion.bus_config import read_bus_config
 
     path = machine.config
@@ -115,17 +121,33 @@ def _devices(machine: Machine, folder: Path) -> tuple[MotionController, Dispense
         machine.joint_names, machine.lower, machine.upper, machine.velocity
     )
     if machine.hardware == "emulated":
-        from vega_robot_driver.motion.emulated import EmulatedMotion
+        from vega_robot_driver.motion.emulated import EmulatedDrives, EmulatedMotion
 
+        by_frames = machine.time_scale != 1.0
+        drives = EmulatedDrives(path, folder / "drives.json", machine.dt if by_frames else 0.0)
         emulated = EmulatedMotion(
-            config,
-            path,
-            folder / "drives.json",
-            dt=machine.dt,
-            by_frames=machine.time_scale != 1.0,
+            config, drives, dt=machine.dt, by_frames=by_frames, memory=folder
         )
-        return emulated, DigitalOutputDispenser()
+        return emulated, _dispenser(config.dispenser)
     from vega_robot_driver.motion.ethercat import EthercatMotion
 
     interface = machine.interface or config.interface
-    return EthercatMotion(config, interface, dt=machine.dt), DigitalOutputDispenser()
+    motion_on_bus = EthercatMotion(config, interface, dt=machine.dt, memory=folder)
+    return motion_on_bus, _dispenser(config.dispenser)
+
+
+def _dispenser(wiring: DispenserWiring) -> Dispenser:
+    """Build the dispenser of a bus: its valve is wired, its pressure may have a serial line."""
+    if not wiring.port:
+        from vega_robot_driver.dispenser.digital_output import DigitalOutputDispenser
+
+        return DigitalOutputDispenser()
+    from vega_robot_driver.dispenser.musashi import MusashiDispenser
+
+    return MusashiDispenser(
+        wiring.port,
+        baud=wiring.baud,
+        channel=wiring.channel,
+        dialect=wiring.dialect,
+        writes=wiring.writes,
+    )

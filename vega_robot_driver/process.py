@@ -11,10 +11,12 @@ from __future__ import annotations
 
 import contextlib
 import gc
+import io
 import os
 import queue
 import signal
 import socket
+import subprocess
 import sys
 import time
 import traceback
@@ -26,16 +28,22 @@ import numpy as np
 
 from vega_planner.errors import DriverError, InvalidInput, VegaError
 from vega_robot_driver.checkpoint import CheckpointWriter
-from vega_robot_driver.executor import STATES
+from vega_robot_driver.control.calibration import calibration_job
+from vega_robot_driver.curve import Curve
 from vega_robot_driver.job import PrintJob
 from vega_robot_driver.link import RequestServer
 from vega_robot_driver.machine import Machine, build_executor, read_machine
+from vega_robot_driver.recording.ring import Ring
+from vega_robot_driver.recovery import recover_checkpoint
+from vega_robot_driver.shown import Shown
 from vega_robot_driver.status import StatusPage
 
 #: Time between two wake-ups of a simulation [s].
 SIMULATION_PERIOD = 0.005
-#: Time between two checkpoints while printing [s].
-CHECKPOINT_PERIOD = 0.2
+#: Least silence of the client that stops a simulation faster than the clock [s].
+SIMULATION_SILENCE = 0.5
+#: Time after which a thread that answers requests lets the cycle go first [s].
+SWITCH_INTERVAL = 0.0003
 #: Overruns in a row after which the machine stops.
 MOST_OVERRUNS = 25
 
@@ -52,17 +60,25 @@ class RealTimeLoop:
     def __init__(self, machine: Machine, folder: Path, listening: socket.socket) -> None:
         self._machine, self._folder = machine, folder
         self._executor = build_executor(machine, folder)
+        recover_checkpoint(folder)
         self._page = StatusPage(folder, create=True)
         self._checkpoints = CheckpointWriter(folder / "checkpoint.json")
+        self._shown = Shown(self._page, self._checkpoints.post)
         self._requests: queue.SimpleQueue = queue.SimpleQueue()
         self._server = RequestServer(listening, self._ask)
+        self._ring = Ring(folder / "ring", create=True)
+        self._recorder: subprocess.Popen | None = None
         self._had_client = False
+        batched = self._executor.motion.batched
+        #: A simulation that outruns the clock has no hurry, and its client shares the computer.
+        self._stale = max(machine.stale_s, SIMULATION_SILENCE if batched else 0.0)
+        self._quiet, self._beat, self._period = 0.0, 0, machine.dt
         self._alone_since = time.monotonic()
         self._ended = False
-        self._last_checkpoint = (0.0, -2, "")
-        self._idle_on = self._overruns = self._overrun_streak = 0
+        self._overruns = self._overrun_streak = 0
         self._late = np.zeros(1000)
         self._late_count = 0
+        self._calibrating = False
         self._percentiles = [0.0, 0.0, 0.0]
 
     def run(self) -> None:
@@ -74,22 +90,29 @@ class RealTimeLoop:
             executor.dispenser.open()
             self._server.start()
             (self._folder / "ready").touch()
+            if self._machine.record:
+                self._start_recorder()
             scale = self._machine.time_scale if batched else 1.0
             period = SIMULATION_PERIOD if batched else executor.motion.dt
             cycles = max(1, round(period * scale / executor.motion.dt)) if batched else 1
             if batched:
                 period = cycles * executor.motion.dt / scale
+            self._period = period
             _raise_priority(batched)
+            sys.setswitchinterval(SWITCH_INTERVAL)
             gc.collect()
             gc.freeze()
             gc.disable()
             wake = time.monotonic()
             while not self._ended:
+                wake += executor.motion.clock_correction
                 wake = self._wait(wake + period, period, batched)
                 answers = self._handle_requests()
                 self._watch_client()
                 executor.advance(cycles)
+                self._watch_calibration()
                 self._record()
+                self._ring.put(executor)
                 for answer, value in answers:  # who got an answer finds its effect on the page
                     answer.put(value)
         finally:
@@ -119,15 +142,36 @@ class RealTimeLoop:
         return time.monotonic()  # the missed cycles are not made up for
 
     def _warm_up(self) -> None:
-        """Load the kernels before the first client comes."""
-        from vega_robot_driver import kernels
+        """Do once what is slow the first time: loading and checking a job."""
+        executor = self._executor
+        names = executor.motion.joint_names
+        rows = np.zeros((2, len(names)))
+        job = PrintJob(
+            joint_names=names,
+            times=np.arange(2.0),
+            positions=rows,
+            velocities=rows,
+            extrude=np.ones(2, np.bool_),
+            path_id=np.zeros(2, np.int64),
+            path_layer=np.zeros(1, np.int64),
+        )
+        file = io.BytesIO()
+        np.savez(file, rows=rows)
+        file.seek(0)
+        with np.load(file) as loaded:
+            loaded["rows"].sum()
+        job.digest()
+        job.extremes(0.5)
+        Curve(job.times, rows, rows).from_time(0.5)
+        executor.dispenser.follow(np.zeros(1, np.bool_), executor.motion.dt)
 
-        n = len(self._machine.joint_names)
-        times, rows = np.array([0.0, 1.0]), np.zeros((2, n))
-        out, gate = np.zeros((1, n)), np.zeros(1, np.bool_)
-        path = (times, rows, rows, np.zeros((0, 2)), np.zeros(5))
-        kernels.follow(*path, 0.0, 0.1, True, 0.1, 0.1, out, out.copy(), gate)
-        self._executor.dispenser.follow(gate, 0.1)
+    def _start_recorder(self) -> None:
+        """Start the process that records prints; it ends when this one is gone."""
+        names = self._executor.motion.joint_names
+        command = [sys.executable, "-m", "vega_robot_driver.recording.recorder"]
+        self._recorder = subprocess.Popen(
+            ["nice", *command, str(self._folder), *names], stdin=subprocess.PIPE
+        )
 
     # -- client -------------------------------------------------------------------------
 
@@ -155,6 +199,12 @@ class RealTimeLoop:
         if op == "move":
             goal = np.array(request["positions"], np.float64)
             return lambda: _done(lambda: self._move(goal, float(request["speed_ratio"])))
+        if op == "pressure":  # a serial line takes longer than a cycle
+            executor.dispenser.set_pressure(float(request["pascal"]))
+            return dict
+        if op == "calibrate":
+            calibration = self._calibration(request)
+            return lambda: _done(lambda: self._calibrate(calibration))
         simple: dict[str, Callable[[], Any]] = {
             "enable": executor.enable,
             "disable": executor.disable,
@@ -162,13 +212,12 @@ class RealTimeLoop:
             "resume": executor.resume,
             "stop": executor.stop,
             "reset_fault": executor.reset_fault,
-            "home": self._home,
+            "home": executor.home,
             "shutdown": self.end,
             "run": lambda: executor.run(float(request.get("override", 1.0))),
             "override": lambda: setattr(
                 executor, "override", min(max(float(request["ratio"]), 0.05), 1.0)
             ),
-            "pressure": lambda: executor.dispenser.set_pressure(float(request["pascal"])),
             "inject": lambda: self._inject(str(request["fault"])),
         }
         if op not in (*simple, "axes", "hello"):
@@ -186,11 +235,6 @@ class RealTimeLoop:
             "quality": {**motion.quality.details},
         }
 
-    def _home(self) -> None:
-        if self._executor.moving or self._executor.state == "fault":
-            raise InvalidInput(f"cannot home; the machine is {self._executor.state}")
-        self._executor.motion.home()
-
     def _move(self, goal: np.ndarray, ratio: float) -> None:
         """Load and start a slow straight joint move."""
         executor = self._executor
@@ -207,6 +251,31 @@ class RealTimeLoop:
         executor.load(job)
         executor.digest = ""
         executor.run(ratio)
+
+    def _calibration(self, request: dict[str, Any]) -> PrintJob:
+        """Make the run that records the axes' disturbance; by default over most of each axis."""
+        executor, limits = self._executor, self._executor.limits
+        inset = 0.05 * (limits.upper - limits.lower)
+        lower = np.array(request.get("lower", limits.lower + inset), np.float64)
+        upper = np.array(request.get("upper", limits.upper - inset), np.float64)
+        speeds = np.array(request.get("speeds", 0.01 * limits.velocity), np.float64)
+        names = executor.motion.joint_names
+        job = calibration_job(names, executor.positions.copy(), lower, upper, speeds)
+        executor.check_job(job)
+        return job
+
+    def _calibrate(self, job: PrintJob) -> None:
+        executor = self._executor
+        executor.load(job)
+        executor.digest = ""
+        executor.motion.start_recording()
+        executor.run()
+        self._calibrating = True
+
+    def _watch_calibration(self) -> None:
+        if self._calibrating and self._executor.state != "printing":
+            self._calibrating = False
+            self._executor.motion.finish_recording(keep=self._executor.state == "done")
 
     def _inject(self, fault: str) -> None:
         inject = getattr(self._executor.motion, "inject", None)
@@ -234,54 +303,26 @@ class RealTimeLoop:
         connected = self._server.connected
         if connected:
             self._had_client, self._alone_since = True, now
-            if executor.state in ("printing", "pausing") and (
-                self._page.silence() > self._machine.stale_s
-            ):
-                executor.stop(f"the client was silent for {self._machine.stale_s:g} s")
-        elif self._had_client and executor.state in ("printing", "pausing", "paused"):
+            # Counted in cycles: what stalls this process too is no silence of the client.
+            beat = self._page.last_beat
+            self._quiet = self._quiet + self._period if beat == self._beat else 0.0
+            self._beat = beat
+            watched = executor.state in ("printing", "pausing", "homing")
+            if watched and self._quiet > self._stale:
+                executor.stop(f"the client was silent for {self._stale:g} s")
+        elif self._had_client and executor.state in ("printing", "pausing", "paused", "homing"):
             executor.stop("the client is gone")
         limit = self._machine.orphan_s
         if limit and not connected and now - self._alone_since > limit and not executor.moving:
             self._ended = True
 
-    # -- what is shown ------------------------------------------------------------------
-
     def _record(self) -> None:
-        executor, record = self._executor, self._page.record
-        if executor.gate and executor.rate == 0.0:
-            self._idle_on += 1
         if self._late_count % 200 == 0:
             late = np.sort(self._late[: min(self._late_count, len(self._late))])
             self._percentiles = [float(late[int((len(late) - 1) * q)]) for q in (0.5, 0.99, 1.0)]
-        job, path, axes = executor.job, executor.path, len(executor.positions)
-        record["pid"], record["stamp"] = os.getpid(), time.monotonic()
-        record["state"], record["gate"] = STATES.index(executor.state), executor.gate
-        record["u"], record["rate"], record["done"] = executor.u, executor.rate, executor.done_u
-        record["duration"] = job.duration_s if job else 0.0
-        record["path"], record["layer"] = path, job.layer_of(path) if job else -1
-        record["paths_done"] = executor.paths_done
-        record["axes"] = axes
-        record["positions"][0, :axes] = executor.positions
-        record["targets"][0, :axes] = executor.targets
-        record["pressure"], record["cycles"] = executor.pressure, executor.cycles
-        record["clock"] = executor.cycles * executor.motion.dt
-        record["idle_on_cycles"], record["overruns"] = self._idle_on, self._overruns
-        record["wrong_counters"] = executor.motion.quality.wrong_counters
-        record["lateness"][0] = self._percentiles
-        record["homing_epoch"] = executor.motion.homing_epoch
-        record["job"], record["detail"] = executor.digest.encode(), executor.detail.encode()[:200]
-        self._page.publish()
-        self._checkpoint(path)
-
-    def _checkpoint(self, path: int) -> None:
-        executor, now = self._executor, time.monotonic()
-        if not executor.digest or executor.state in ("off", "idle"):
-            return
-        when, last_path, last_state = self._last_checkpoint
-        due = executor.state == "printing" and now - when > CHECKPOINT_PERIOD
-        if due or path != last_path or executor.state != last_state:
-            self._checkpoints.post(executor.checkpoint())
-            self._last_checkpoint = (now, path, executor.state)
+        self._shown.show(
+            self._executor, time.monotonic(), overruns=self._overruns, lateness=self._percentiles
+        )
 
     def _close(self) -> None:
         executor = self._executor
@@ -297,6 +338,11 @@ class RealTimeLoop:
         with contextlib.suppress(Exception):
             self._record()
         self._checkpoints.close()
+        if self._recorder is not None and self._recorder.stdin is not None:
+            with contextlib.suppress(OSError, subprocess.TimeoutExpired):
+                self._ring.put(executor)
+                self._recorder.stdin.close()
+                self._recorder.wait(timeout=5.0)
 
 
 def _done(work: Callable[[], Any]) -> dict[str, Any]:

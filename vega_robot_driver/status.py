@@ -51,7 +51,8 @@ _PAGE = np.dtype(
         ("end", "<u8"),
     ]
 )
-#: Where the client's heartbeat lies [ns of the monotonic clock], after the page.
+#: Where the two slots of the page lie, and the client's heartbeat after them.
+_SLOTS = (0, 2048)
 _HEARTBEAT = 4096
 _SIZE = 8192
 
@@ -145,15 +146,18 @@ class StatusPage:
         self._sequence = 0
 
     def publish(self) -> None:
-        """Show what `record` holds."""
+        """Show what `record` holds, in the slot that the last reading is not in.
+
+        A writer that is killed in mid-write leaves the last reading whole.
+        """
         self._sequence += 1
         self.record["begin"] = self.record["end"] = self._sequence
         # The end goes first and the beginning last: a reader that sees both equal, before
         # and after, has read one reading (stores are not reordered on x86).
-        data = self.record.tobytes()
-        self._memory[len(data) - 8 : len(data)] = data[-8:]
-        self._memory[8 : len(data) - 8] = data[8:-8]
-        self._memory[0:8] = data[:8]
+        data, at = self.record.tobytes(), _SLOTS[self._sequence % 2]
+        self._memory[at + len(data) - 8 : at + len(data)] = data[-8:]
+        self._memory[at + 8 : at + len(data) - 8] = data[8:-8]
+        self._memory[at : at + 8] = data[:8]
 
     def read(self) -> MachineStatus:
         """Read the latest status.
@@ -164,20 +168,27 @@ class StatusPage:
         for tries in range(2_000):
             if tries > 10:
                 time.sleep(0.001)  # the writer was interrupted in mid-write
-            before = self._memory[0:8]
-            data = self._memory[0 : _PAGE.itemsize]
-            if before == data[:8] == data[-8:] == self._memory[0:8]:
-                return _status(np.frombuffer(data, _PAGE)[0])
+            found = [data for at in _SLOTS if (data := self._whole(at)) is not None]
+            if found:
+                latest = max(found, key=lambda data: int.from_bytes(data[:8], "little"))
+                return _status(np.frombuffer(latest, _PAGE)[0])
         raise LinkTimeout("the machine's status page is never at rest")
+
+    def _whole(self, at: int) -> bytes | None:
+        """Read a slot; None where it is being written or never was."""
+        before = self._memory[at : at + 8]
+        data = self._memory[at : at + _PAGE.itemsize]
+        whole = before == data[:8] == data[-8:] == self._memory[at : at + 8]
+        return data if whole else None
 
     def beat(self) -> None:
         """Say that the client lives."""
         self._memory[_HEARTBEAT : _HEARTBEAT + 8] = time.monotonic_ns().to_bytes(8, "little")
 
-    def silence(self) -> float:
-        """Seconds since the client last said that it lives."""
-        stamp = int.from_bytes(self._memory[_HEARTBEAT : _HEARTBEAT + 8], "little")
-        return (time.monotonic_ns() - stamp) * 1e-9
+    @property
+    def last_beat(self) -> int:
+        """When the client last said that it lives [ns of the monotonic clock]."""
+        return int.from_bytes(self._memory[_HEARTBEAT : _HEARTBEAT + 8], "little")
 
 
 def _status(page: np.void) -> MachineStatus:

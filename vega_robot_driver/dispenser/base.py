@@ -27,6 +27,11 @@ class Dispenser(ABC):
     def set_pressure(self, pressure_pa: float) -> None:
         """Set the supply pressure [Pa]."""
 
+    @property
+    def fault(self) -> str:
+        """Why the machine must stop, or nothing."""
+        return ""
+
     @abstractmethod
     def follow(self, gate: Bools, dt: float) -> float:
         """Follow the gate through some cycles.

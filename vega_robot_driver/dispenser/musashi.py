@@ -9,6 +9,7 @@ is read back. The command that starts and stops dispensing is a toggle and is no
 from __future__ import annotations
 
 import contextlib
+import threading
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +21,8 @@ STX, ETX, EOT, ENQ, ACK, CAN = (bytes([code]) for code in (2, 3, 4, 5, 6, 0x18))
 ACCEPTED, REJECTED = b"A0", b"A2"
 #: Tries of a transfer that may be repeated.
 TRIES = 3
+#: Pressures closer than this are the same: half of what the line can tell [Pa].
+_SAME = 50.0
 
 
 @dataclass(frozen=True)
@@ -77,6 +80,7 @@ class MusashiDispenser(Dispenser):
         dialect: Name of the family.
         writes: Whether the pressure may be set.
         timeout_s: Time an answer may take.
+        watch_s: Time between two looks at the pressure; 0 for none.
     """
 
     def __init__(
@@ -87,17 +91,20 @@ class MusashiDispenser(Dispenser):
         channel: int = 1,
         dialect: str = "super_sigma",
         writes: bool = False,
-        timeout_s: float = 0.5,
+        timeout_s: float = 0.2,
+        watch_s: float = 0.25,
     ) -> None:
         if dialect not in DIALECTS:
             raise Refused(f"dialect '{dialect}' not known; has: {', '.join(DIALECTS)}")
         self._port, self._baud, self._channel = port, baud, channel
         self._dialect, self._writes, self._timeout = DIALECTS[dialect], writes, timeout_s
         self._line: Any = None
-        self._pressure = 0.0
+        self._pressure = self._wanted = 0.0
+        self._watch_s, self._fault = watch_s, ""
+        self._turn, self._closed = threading.Lock(), threading.Event()
 
     def open(self) -> None:
-        """Connect and read the pressure."""
+        """Connect, read the pressure, and keep watching it."""
         import serial
 
         try:
@@ -107,6 +114,32 @@ class MusashiDispenser(Dispenser):
         except serial.SerialException as error:
             raise DriverError(f"dispenser: {error}") from error
         self._pressure = self.read_pressure()
+        if self._wanted:
+            self.set_pressure(self._wanted)
+        if self._watch_s:
+            threading.Thread(target=self._watch, name="dispenser", daemon=True).start()
+
+    @property
+    def fault(self) -> str:
+        """Why the machine must stop: the line is dead, or the pressure changed."""
+        return self._fault
+
+    def _watch(self) -> None:
+        """Read the pressure now and then; a line that is dead for all tries is a fault."""
+        while not self._closed.wait(self._watch_s):
+            try:
+                found = self.read_pressure()
+            except DriverError as error:
+                if not self._closed.is_set():
+                    self._fault = str(error)
+                continue
+            changed = abs(found - self._pressure) >= _SAME
+            self._fault = (
+                f"the dispenser's pressure went from {self._pressure / 1e3:g} kPa to "
+                f"{found / 1e3:g} kPa"
+                if changed
+                else ""
+            )
 
     def read_pressure(self) -> float:
         """Read the set pressure [Pa].
@@ -114,8 +147,14 @@ class MusashiDispenser(Dispenser):
         Raises:
             LinkTimeout: If the dispenser does not answer.
         """
-        command = self._dialect.read.format(channel=self._channel).encode()
-        answer = self._transfer(command, upload=True)
+        with self._turn:
+            return self._parsed(self._locked_transfer(self._reading, upload=True))
+
+    @property
+    def _reading(self) -> bytes:
+        return self._dialect.read.format(channel=self._channel).encode()
+
+    def _parsed(self, answer: bytes) -> float:
         try:
             return int(answer[slice(*self._dialect.pressure_at)]) * 100.0
         except ValueError as error:
@@ -127,7 +166,8 @@ class MusashiDispenser(Dispenser):
         Raises:
             Refused: If writing is not enabled, the dispenser rejects it, or keeps another.
         """
-        if self._line is None or abs(self._pressure - pressure_pa) < 50.0:
+        self._wanted = pressure_pa
+        if self._line is None or abs(self._pressure - pressure_pa) < _SAME:
             return
         if not self._writes:
             raise Refused(
@@ -135,9 +175,11 @@ class MusashiDispenser(Dispenser):
                 f"{pressure_pa / 1e3:g} kPa; set it by hand, or enable writing"
             )
         tenths = round(pressure_pa / 100.0)
-        self._transfer(self._dialect.write_pressure.format(tenths=tenths).encode())
-        self._pressure = self.read_pressure()
-        if abs(self._pressure - pressure_pa) >= 50.0:
+        command = self._dialect.write_pressure.format(tenths=tenths).encode()
+        with self._turn:
+            self._locked_transfer(command)
+            self._pressure = self._parsed(self._locked_transfer(self._reading, upload=True))
+        if abs(self._pressure - pressure_pa) >= _SAME:
             raise Refused(f"the dispenser keeps {self._pressure / 1e3:g} kPa")
 
     def follow(self, gate: Bools, dt: float) -> float:
@@ -146,14 +188,18 @@ class MusashiDispenser(Dispenser):
 
     def close(self) -> None:
         """Leave the line."""
-        line, self._line = self._line, None
-        if line is not None:
-            line.close()
+        self._closed.set()
+        with self._turn:
+            line, self._line = self._line, None
+            if line is not None:
+                line.close()
 
-    def _transfer(self, body: bytes, *, upload: bool = False) -> bytes:
+    def _locked_transfer(self, body: bytes, *, upload: bool = False) -> bytes:
         """Send a command that may be repeated; settings may, toggles may not."""
         import serial
 
+        if self._line is None:
+            raise LinkTimeout(f"dispenser on {self._port}: not connected")
         for left in reversed(range(TRIES)):
             try:
                 return self._once(body, upload)

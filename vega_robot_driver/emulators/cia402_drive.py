@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """An emulated servo drive after CiA 402, with its axis behind it.
 
-The object dictionary is the generic one of the standard: no particular maker's. Dynamics and
-limits are invented.
+Cyclic synchronous position, cyclic synchronous torque, and homing by three methods. The object
+dictionary is the generic one of the standard: no particular maker's.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import struct
 
+from vega_robot_driver.emulators.axis import Axis
 from vega_robot_driver.emulators.object_dictionary import (
     WRONG_STATE,
     Abort,
@@ -18,47 +19,17 @@ from vega_robot_driver.emulators.object_dictionary import (
 from vega_robot_driver.motion.cia402 import STATUS_BITS, State
 
 PRE_OPERATIONAL = 2
-CYCLIC_SYNCHRONOUS_POSITION = 8
-FOLLOWING_ERROR, LIMIT_SWITCH, SAFE_TORQUE_OFF = 0x8611, 0x8681, 0xFF01
-
-
-@dataclass
-class Axis:
-    """A linear or rotary axis, in increments.
-
-    Attributes:
-        travel: Hard stops.
-        speed_limit: Largest speed [1/s].
-        acceleration_limit: Largest acceleration [1/s²].
-        lag_s: Time constant of the position loop.
-        position: Where it is.
-        speed: How fast it moves.
-        jammed: Whether something blocks it.
-    """
-
-    travel: tuple[float, float]
-    speed_limit: float
-    acceleration_limit: float
-    lag_s: float = 0.0015
-    position: float = 0.0
-    speed: float = 0.0
-    jammed: bool = False
-
-    def move(self, wanted_speed: float, dt: float) -> None:
-        """Change the speed as far as the motor can, and move."""
-        wanted = min(max(wanted_speed, -self.speed_limit), self.speed_limit)
-        most = self.acceleration_limit * dt
-        self.speed += min(max(wanted - self.speed, -most), most)
-        if self.jammed:
-            self.speed = 0.0
-        self.position += self.speed * dt
-        low, high = self.travel
-        if not low <= self.position <= high:
-            self.position, self.speed = min(max(self.position, low), high), 0.0
+HOMING, CYCLIC_SYNCHRONOUS_POSITION, CYCLIC_SYNCHRONOUS_TORQUE = 6, 8, 10
+FOLLOWING_ERROR, LIMIT_SWITCH, SAFE_TORQUE_OFF, HOMING_FAILED = 0x8611, 0x8681, 0xFF01, 0x8090
+#: Methods of homing: with a move to the switch at the low end (17), at the high end (18), and
+#: on the spot (37).
+HOMING_METHODS = {17: -1, 18: 1, 37: 0}
+#: How far it moves off the switch again [increments].
+OFF_SWITCH = 20.0
 
 
 class Cia402Drive:
-    """A drive in cyclic synchronous position mode.
+    """A drive and its state machine.
 
     Args:
         axis: What it moves.
@@ -72,14 +43,20 @@ class Cia402Drive:
         self.bus_state = 1
         self.emergencies: list[tuple[int, int]] = []
         self.torque_off = False
+        self.homed = axis.absolute
+        self.largest_change = 0.0
+        self._recent: list[int] = []
+        self._homing = self._started = False
+        self._mode = CYCLIC_SYNCHRONOUS_POSITION
         self._demand = axis.position
         self._step = 0.0
         self._left_s = 0.0
         self._outside_s = 0.0
         self._previous_control = 0
         self._fresh = False
-        self._received: list[Entry | int] = []
-        self._sent: list[Entry | int] = []
+        self._received: list[Entry] = []
+        self._sent: list[Entry] = []
+        self._reader = self._writer = struct.Struct("")
         self.objects = ObjectDictionary(before_write=self._check_write)
         self._fill(self.objects)
 
@@ -87,31 +64,24 @@ class Cia402Drive:
 
     def compile_mapping(self) -> tuple[int, int]:
         """Fix the mapping of the process data; returns bytes received and sent a cycle."""
-        self._received = self.objects.mapping(0x1C12)
-        self._sent = self.objects.mapping(0x1C13)
-        return _size(self._received), _size(self._sent)
+        self._received, self._reader = _layout(self.objects.mapping(0x1C12))
+        self._sent, self._writer = _layout(self.objects.mapping(0x1C13))
+        return self._reader.size, self._writer.size
 
     def take_outputs(self, data: bytes) -> None:
         """Take the process data that the master sent."""
-        at = 0
-        for item in self._received:
-            if isinstance(item, int):
-                at += item
-                continue
-            signed = item.form.islower()
-            item.value = int.from_bytes(data[at : at + item.size], "little", signed=signed)
-            at += item.size
+        for entry, value in zip(self._received, self._reader.unpack(data), strict=True):
+            entry.value = value
         self._fresh = True
 
     def give_inputs(self) -> bytes:
         """Give the process data for the master."""
-        return b"".join(
-            bytes(item) if isinstance(item, int) else item.packed() for item in self._sent
-        )
+        return self._writer.pack(*[entry.value for entry in self._sent])
 
     def lose_master(self) -> None:
         """The master is silent, or took the bus down: outputs off, stop quickly."""
         self.objects.entry(0x60FE, 1).value = 0
+        self._recent.clear()
         if self.state == State.OPERATION_ENABLED:
             self.state = State.QUICK_STOP_ACTIVE
 
@@ -131,26 +101,68 @@ class Cia402Drive:
         """Let time pass."""
         self._obey()
         axis, objects = self.axis, self.objects
-        if self.state == State.OPERATION_ENABLED:
+        self._mode = objects[0x6060]
+        enabled = self.state == State.OPERATION_ENABLED
+        if enabled and self._mode == CYCLIC_SYNCHRONOUS_TORQUE:
+            axis.push(objects[0x6071] / 1000.0, dt)
+            self._demand = axis.position
+        elif enabled and self._mode == HOMING:
+            self._home(dt)
+        elif enabled:
             self._interpolate(dt)
             axis.move((self._demand - axis.position) / axis.lag_s, dt)
         else:
             axis.move(0.0, dt)
             self._demand = axis.position
+            self._recent.clear()
         error = self._demand - axis.position
-        self._watch_error(abs(error), dt)
-        bits = STATUS_BITS[self.state] | 0x0210
-        if self.state == State.OPERATION_ENABLED:
-            bits |= 0x1000
-        objects[0x6041] = bits
-        objects[0x6061] = objects[0x6060]
-        objects[0x6064] = round(axis.position)
-        objects[0x606C] = round(axis.speed)
-        objects[0x60F4] = round(error)
+        if self._mode == CYCLIC_SYNCHRONOUS_POSITION:
+            self._watch_error(abs(error), dt)
+        self._show(error)
         low, high = axis.travel
-        objects[0x60FD] = (axis.position <= low) | (axis.position >= high) << 1
-        if objects[0x60FD] and self.state == State.OPERATION_ENABLED:
+        beyond = axis.position <= low or axis.position >= high
+        if beyond and self.state == State.OPERATION_ENABLED and self._mode != HOMING:
             self.fault(LIMIT_SWITCH)
+
+    def _show(self, error: float) -> None:
+        """Put what the axis does into the objects."""
+        axis, objects = self.axis, self.objects
+        bits = STATUS_BITS[self.state] | 0x0210
+        if self._mode == HOMING:
+            bits |= 0x1400 if self.homed and not self._homing else 0
+        elif self.state == State.OPERATION_ENABLED:
+            bits |= 0x1000
+        low, high = axis.travel
+        objects[0x6041] = bits
+        objects[0x6061] = self._mode
+        objects[0x6064] = round(axis.position + axis.origin)
+        objects[0x606C] = round(axis.speed)
+        objects[0x6077] = objects[0x6071]
+        objects[0x60F4] = round(error)
+        objects[0x60FD] = (axis.position <= low) | (axis.position >= high) << 1
+
+    def _home(self, dt: float) -> None:
+        """Move to the switch that the method names; the place it closes at is known."""
+        axis, start = self.axis, bool(self.objects[0x6040] & 0x10)
+        way = HOMING_METHODS.get(self.objects[0x6098])
+        if start and not self._started:
+            if way is None:
+                self.fault(HOMING_FAILED)
+            else:
+                self._homing, self.homed = True, False
+        self._started = start
+        self._homing = self._homing and start
+        low, high = axis.travel
+        if not self._homing:
+            axis.move(0.0, dt)
+        elif way and low < axis.position < high:
+            axis.move(way * float(self.objects.entry(0x6099, 1).value), dt)
+        else:
+            axis.speed = 0.0
+            axis.origin = self.objects[0x607C] - round(axis.position)
+            axis.position -= (way or 0) * OFF_SWITCH
+            self._homing, self.homed = False, True
+        self._demand, self._left_s = axis.position, 0.0
 
     def _obey(self) -> None:
         """Follow the control word (CiA 402-2, transitions 2 to 16)."""
@@ -193,7 +205,8 @@ class Cia402Drive:
                 0.0,
             )
             window = self.objects[0x6065]
-            if abs(self.objects[0x607A] - self.axis.position) > window:
+            gap = self.objects[0x607A] - self.axis.position - self.axis.origin
+            if self.objects[0x6060] == CYCLIC_SYNCHRONOUS_POSITION and abs(gap) > window:
                 self.fault(FOLLOWING_ERROR)  # a real drive would jump, or trip
         elif command & 7 == 6 and state in (State.SWITCHED_ON, State.OPERATION_ENABLED):
             self.state = State.READY_TO_SWITCH_ON
@@ -205,7 +218,8 @@ class Cia402Drive:
         if self._fresh:
             self._fresh = False
             low, high = self.objects.entry(0x607D, 1).value, self.objects.entry(0x607D, 2).value
-            target = min(max(self.objects[0x607A], low), high)
+            target = min(max(self.objects[0x607A], low), high) - self.axis.origin
+            self._measure(self.objects[0x607A])
             exponent = self.objects.entry(0x60C2, 2).value
             time_s = self.objects.entry(0x60C2, 1).value * 10.0**exponent
             limit = self.axis.speed_limit
@@ -214,6 +228,13 @@ class Cia402Drive:
         part = min(dt, self._left_s)
         self._demand += self._step * part
         self._left_s -= part
+
+    def _measure(self, target: int) -> None:
+        """Keep the largest change between two steps of the setpoint [increments]."""
+        self._recent = [*self._recent[-2:], target]
+        if len(self._recent) == 3:
+            a, b, c = self._recent
+            self.largest_change = max(self.largest_change, abs(a - 2 * b + c))
 
     def _watch_error(self, error: float, dt: float) -> None:
         if self.state != State.OPERATION_ENABLED or error <= self.objects[0x6065]:
@@ -243,12 +264,16 @@ class Cia402Drive:
             (0x6041, "H", STATUS_BITS[self.state], False),
             (0x6060, "b", CYCLIC_SYNCHRONOUS_POSITION, True),
             (0x6061, "b", CYCLIC_SYNCHRONOUS_POSITION, False),
-            (0x6064, "i", round(self.axis.position), False),
+            (0x6064, "i", round(self.axis.position + self.axis.origin), False),
             (0x6065, "I", 1000, True),
             (0x6066, "H", 20, True),
             (0x606C, "i", 0, False),
+            (0x6071, "h", 0, True),
             (0x6077, "h", 0, False),
-            (0x607A, "i", round(self.axis.position), True),
+            (0x607A, "i", round(self.axis.position + self.axis.origin), True),
+            (0x607C, "i", 0, True),
+            (0x6098, "b", 0, True),
+            (0x609A, "I", 1_000_000, True),
             (0x60F4, "i", 0, False),
             (0x60FD, "I", 0, False),
         ):
@@ -258,7 +283,13 @@ class Cia402Drive:
         objects.add(0x60C2, "B", 2, sub=1)
         objects.add(0x60C2, "b", -3, sub=2)
         objects.add_list(0x60FE, "I", [0, 0])
+        objects.add_list(0x6099, "I", [20_000, 2_000])
+        objects.add_list(0x10F1, "I", [1, 0])
+        objects.add_list(0x1C32, "H", [0])
 
 
-def _size(items: list[Entry | int]) -> int:
-    return sum(item if isinstance(item, int) else item.size for item in items)
+def _layout(items: list[Entry | int]) -> tuple[list[Entry], struct.Struct]:
+    """Entries of a mapping, and how they lie in the bytes; gaps are left out."""
+    forms = "".join(f"{item}x" if isinstance(item, int) else item.form for item in items)
+    entries = [item for item in items if not isinstance(item, int)]
+    return entries, struct.Struct("<" + forms)

@@ -23,7 +23,8 @@ class MusashiDevice:
         port: The terminal to open.
         pressure: Set pressure in tenths of a kilopascal.
         commands: Commands it executed.
-        misbehaviour: "", "silent" (answers nothing) or "garble" (one damaged answer).
+        misbehaviour: "", "silent" (answers nothing), "garble" (one damaged answer) or
+            "lose_verdict" (executes one command and does not say so).
     """
 
     def __init__(self, pressure: int = 1300) -> None:
@@ -71,6 +72,9 @@ class MusashiDevice:
         if self.misbehaviour == "garble":
             self.misbehaviour = ""
             verdict = verdict[:3] + b"?" + verdict[4:]
+        if self.misbehaviour == "lose_verdict":
+            self.misbehaviour = ""
+            return
         os.write(self._end, verdict)
         if answer and self._byte(0.3) == ACK:
             os.write(self._end, frame(answer))

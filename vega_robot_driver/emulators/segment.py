@@ -9,7 +9,9 @@ from dataclasses import dataclass
 from vega_robot_driver.emulators.slave_controller import SlaveController
 
 ETHERTYPE = b"\x88\xa4"
-(_NOP, APRD, APWR, APRW, FPRD, FPWR, FPRW, BRD, BWR, BRW, LRD, LWR, LRW) = range(13)
+(_NOP, APRD, APWR, APRW, FPRD, FPWR, FPRW, BRD, BWR, BRW, LRD, LWR, LRW, ARMW, FRMW) = range(15)
+#: Time a frame takes from one slave to the next [ns].
+HOP_NS = 600
 
 
 @dataclass
@@ -43,6 +45,7 @@ class Segment:
             return None
         if self.frames_to_lose > 0:
             self.frames_to_lose -= 1
+            self.cycles += frame[16] == LRW  # its time passes all the same
             return None
         data = bytearray(frame)
         data[6] |= 2  # a slave marks the source address as locally administered
@@ -73,8 +76,12 @@ class Segment:
                 self.counters_to_falsify -= 1
                 counted -= 1
             return counted
+        if command in (ARMW, FRMW):
+            return self._spread(data, at, size, slaves)
         if command not in range(APRD, LRD):
             return 0
+        if command == BWR and address == 0x900:
+            self._latch(slaves)
         reads = command in (APRD, APRW, FPRD, FPRW, BRD, BRW)
         writes = command in (APWR, APRW, FPWR, FPRW, BWR, BRW)
         counted = 0
@@ -97,6 +104,31 @@ class Segment:
         if command in (APRD, APWR, APRW, BRD, BWR, BRW):
             struct.pack_into("<H", data, at + 2, (position + len(slaves)) & 0xFFFF)
         return counted
+
+    @staticmethod
+    def _spread(data: bytearray, at: int, size: int, slaves: list[SlaveController]) -> int:
+        """Read one slave's register and write it to those behind it: the clocks' time."""
+        command = data[at]
+        position, address = struct.unpack_from("<HH", data, at + 2)
+        area, counted = slice(at + 10, at + 10 + size), 0
+        for place, slave in enumerate(slaves):
+            mine = (
+                (position + place) & 0xFFFF == 0 if command == ARMW else position == slave.station
+            )
+            if mine and (found := slave.read(address, size)) is not None:
+                data[area] = found
+            elif not mine:
+                slave.write(address, bytes(data[area]))
+            counted += 1
+        return counted
+
+    @staticmethod
+    def _latch(slaves: list[SlaveController]) -> None:
+        """Let each slave note when a frame passed it on its way out and back."""
+        last = len(slaves) - 1
+        for place, slave in enumerate(slaves):
+            out = slave.local_time + HOP_NS * place
+            slave.latch_receive_times((out, out + 2 * HOP_NS * (last - place)))
 
     @staticmethod
     def _link_status(slave: SlaveController, place: int, count: int) -> None:

@@ -16,12 +16,9 @@ import socket
 import sys
 import time
 from pathlib import Path
-from typing import Any
 
-from vega_robot_driver.emulators.cia402_drive import Axis, Cia402Drive
-from vega_robot_driver.emulators.segment import Segment
-from vega_robot_driver.emulators.slave_controller import SlaveController
-from vega_robot_driver.motion.bus_config import BusConfig, read_bus_config
+from vega_robot_driver.emulators.line import Line, build_segment
+from vega_robot_driver.motion.bus_config import read_bus_config
 
 _ETHERTYPE = 0x88A4
 #: Time between two looks at the clock, and between two status files [s].
@@ -30,35 +27,15 @@ TICK, SHOW = 0.001, 0.02
 AFTERLIFE = 10.0
 
 
-def build_segment(config: BusConfig) -> Segment:
-    """Build a drive for each axis of a bus, at joint position 0 or the nearest it reaches."""
-    slaves = []
-    for axis in config.axes:
-        low, high = sorted((axis.increments(axis.lower), axis.increments(axis.upper)))
-        model = Axis(
-            travel=(low - 10.0, high + 10.0),
-            speed_limit=abs(axis.scale) * axis.velocity * 1.5,
-            acceleration_limit=abs(axis.scale) * axis.velocity * 100.0,
-            position=float(min(max(axis.increments(0.0), low), high)),
-        )
-        identity = (axis.vendor, axis.product, 0x00010000, axis.serial)
-        slaves.append(SlaveController(Cia402Drive(model, identity), f"EMU-{axis.joint}"))
-    return Segment(slaves)
-
-
 class Server:
     """Answers frames, lets time pass, obeys fault injections, and writes what the drives do."""
 
-    def __init__(
-        self, segment: Segment, interface: str, status: Path, cycle: float, commands: int
-    ):
-        self._segment, self._status, self._cycle = segment, status, cycle
+    def __init__(self, line: Line, interface: str, status: Path, by_clock: bool, commands: int):
+        self._line, self._status, self._by_clock = line, status, by_clock
         self._wire = socket.socket(socket.AF_PACKET, socket.SOCK_RAW, socket.htons(_ETHERTYPE))
         self._wire.bind((interface, _ETHERTYPE))
         self._wire.setblocking(False)
         self._commands = socket.socket(fileno=commands)
-        self._now = 0.0 if cycle else time.monotonic()
-        self._on_at_standstill = 0
 
     def run(self) -> None:
         """Serve until the master's process is long gone."""
@@ -77,8 +54,8 @@ class Server:
             now = time.monotonic()
             if now >= next_tick:
                 next_tick = now + TICK
-                if not self._cycle:
-                    self._pass_time(now - self._now)
+                if self._by_clock:
+                    self._line.pass_time(now - self._line.now)
             if now >= next_show:
                 next_show = now + SHOW
                 self._show()
@@ -89,76 +66,36 @@ class Server:
                 frame = self._wire.recv(1600)
             except BlockingIOError:
                 return
-            before = self._segment.cycles
-            answer = self._segment.process(frame)
-            if self._cycle and self._segment.cycles != before:
-                self._pass_time(self._cycle)
+            answer = self._line.frame(frame)
             if answer is not None:
                 self._wire.send(answer)
-
-    def _pass_time(self, dt: float) -> None:
-        self._now += dt
-        self._segment.tick(self._now, min(dt, 0.05))
-        drives = [slave.drive for slave in self._segment.slaves]
-        on = any(drive.objects.entry(0x60FE, 1).value for drive in drives)
-        moving = any(abs(drive.axis.speed) >= 1.0 for drive in drives)
-        self._on_at_standstill += on and not moving
 
     def _obey(self) -> bool:
         data = self._commands.recv(4096)
         if not data:
             return False
-        message: dict[str, Any] = json.loads(data)
-        kind, number = message["fault"], int(message.get("number", 0))
-        if kind in ("jam", "torque_off", "drive_fault"):
-            drive = self._segment.slaves[number].drive
-            if kind == "jam":
-                drive.axis.jammed = True
-            elif kind == "torque_off":
-                drive.torque_off = True
-            else:
-                drive.fault(0x7300)
-        elif kind == "unplug":
-            self._segment.plugged = number
-        elif kind == "lose_frames":
-            self._segment.frames_to_lose = number
-        elif kind == "wrong_counters":
-            self._segment.counters_to_falsify = number
-        elif kind == "none":
-            self._segment.plugged = 99
-            for slave in self._segment.slaves:
-                slave.drive.axis.jammed = slave.drive.torque_off = False
+        self._line.obey(json.loads(data))
+        self._show()
+        self._commands.send(b"{}")
         return True
 
     def _show(self) -> None:
-        drives = [slave.drive for slave in self._segment.slaves]
-        shown = {
-            "time": self._now,
-            "cycles": self._segment.cycles,
-            "on_at_standstill": self._on_at_standstill,
-            "drives": [
-                {
-                    "bus_state": slave.state,
-                    "state": drive.state.value,
-                    "position": drive.axis.position,
-                    "speed": drive.axis.speed,
-                    "outputs": drive.objects.entry(0x60FE, 1).value,
-                    "error": drive.objects[0x603F],
-                }
-                for slave, drive in zip(self._segment.slaves, drives, strict=True)
-            ],
-        }
         fresh = self._status.with_suffix(".new")
         with contextlib.suppress(OSError):
-            fresh.write_text(json.dumps(shown))
+            fresh.write_text(json.dumps(self._line.told()))
             fresh.replace(self._status)
 
 
 def main() -> None:
     """Run the server."""
     interface, config, status, cycle, commands = sys.argv[1:6]
-    segment = build_segment(read_bus_config(config))
-    server = Server(segment, interface, Path(status), float(cycle), int(commands))
+    by_clock = float(cycle) == 0.0
+    now = time.monotonic() if by_clock else 0.0
+    line = Line(build_segment(read_bus_config(config)), float(cycle), now)
+    server = Server(line, interface, Path(status), by_clock, int(commands))
+    if by_clock:  # below the master's priority, above everything else; it may be refused
+        with contextlib.suppress(OSError):
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(70))
     print("ready", flush=True)
     with contextlib.suppress(KeyboardInterrupt):
         server.run()

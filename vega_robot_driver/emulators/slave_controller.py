@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """An emulated EtherCAT slave controller: registers, states, EEPROM, mailbox, FMMUs, watchdog.
 
-After ETG.1000.4 and ETG.1000.6. Byte-aligned FMMUs only; no distributed clocks, file or
-Ethernet transfer, and no redundancy.
+After ETG.1000.4 and ETG.1000.6. Byte-aligned FMMUs only; no file or Ethernet transfer, and no
+redundancy. Distributed clocks are registers that show the emulation's time, and the counter
+of missed cycles (object 10F1, ETG.1020): the clocks have no drift of their own.
 """
 
 from __future__ import annotations
@@ -17,7 +18,9 @@ MAILBOX_SIZE = 256
 MAILBOX_OUT, MAILBOX_IN, DATA_OUT, DATA_IN = 0x1000, 0x1100, 0x1200, 0x1300
 #: AL status codes.
 BAD_CHANGE, UNKNOWN_STATE, BAD_MAILBOX = 0x0011, 0x0012, 0x0016
-WATCHDOG, BAD_OUTPUTS, BAD_INPUTS = 0x001B, 0x001D, 0x001E
+WATCHDOG, BAD_OUTPUTS, BAD_INPUTS, OUT_OF_SYNC = 0x001B, 0x001D, 0x001E, 0x001A
+#: What a missed cycle adds to the counter of object 10F1, and what a good one takes off.
+MISSED, GOOD = 3, 1
 
 _MAILBOX_FULL = 0x08
 _IN_STATUS = 0x80D
@@ -43,8 +46,9 @@ class SlaveController:
         self._inputs = (0, 0)
         self._op_wanted = False
         self._now = self._fed = 0.0
+        self._missed = self._sync_errors = 0
         memory = self.memory
-        memory[0x00:0x08] = bytes([0x11, 0, 2, 0, 8, 8, 8, 0x0F])
+        memory[0x00:0x0A] = bytes([0x11, 0, 2, 0, 8, 8, 8, 0x0F, 0x0C, 0])  # with 64 bit clock
         memory[0x130] = INIT
         memory[0x140] = 0x05
         struct.pack_into("<H", memory, 0x400, 0x09C2)
@@ -68,7 +72,23 @@ class SlaveController:
                 memory[_IN_STATUS] &= ~_MAILBOX_FULL
                 self._next_message()
             return data
+        if address <= 0x910 < address + size:
+            offset = int.from_bytes(memory[0x920:0x928], "little")
+            shown = (self.local_time + offset) & (1 << 64) - 1
+            memory[0x910:0x918] = shown.to_bytes(8, "little")
         return bytes(memory[address : address + size])
+
+    @property
+    def local_time(self) -> int:
+        """The slave's own clock [ns]."""
+        return round(self._now * 1e9)
+
+    def latch_receive_times(self, ports: tuple[int, int]) -> None:
+        """Note when a frame passed the two ports [ns of the local clock]."""
+        memory = self.memory
+        for at, port in ((0x900, ports[0]), (0x904, ports[1])):
+            struct.pack_into("<I", memory, at, port & 0xFFFFFFFF)
+        struct.pack_into("<Q", memory, 0x918, ports[0])
 
     def write(self, address: int, data: bytes) -> bool:
         """Write registers or memory; false where it is refused."""
@@ -90,7 +110,7 @@ class SlaveController:
             self._compile_windows()
         elif 0x800 <= address < 0x840:
             self._configure_managers(address, data)
-        elif address >= 0x10 and address not in (0x110, 0x130, 0x134):
+        elif address >= 0x10 and address not in (0x110, 0x130, 0x134, 0x900, 0x910):
             memory[address : address + size] = data
         return True
 
@@ -128,11 +148,24 @@ class SlaveController:
             limit = (divider + 2) * 40e-9 * count
             if limit and now - self._fed > limit:
                 self._enter(SAFEOP, WATCHDOG)
+            elif self._out_of_sync(now):
+                self._enter(SAFEOP, OUT_OF_SYNC)
         while self.drive.emergencies:
             code, register = self.drive.emergencies.pop(0)
             if self.state >= PREOP:
                 self._waiting.append(self._mailbox.emergency(code, register))
                 self._next_message()
+
+    def _out_of_sync(self, now: float) -> bool:
+        """Count missed cycles, where the clocks are in use and a limit is set."""
+        limit = self.drive.objects.entry(0x10F1, 2).value
+        cycle = struct.unpack_from("<I", self.memory, 0x9A0)[0] * 1e-9
+        if not limit or not cycle or not self.memory[0x981] & 1:
+            return False
+        missed = int((now - self._fed) / cycle - 0.25)
+        self._sync_errors += MISSED * max(missed - self._missed, 0)
+        self._missed = missed
+        return self._sync_errors > limit
 
     # -- states ---------------------------------------------------------------------------
 
@@ -142,7 +175,9 @@ class SlaveController:
         self.state = self.drive.bus_state = state
         self.memory[0x130] = state | (0x10 if code else 0)
         struct.pack_into("<H", self.memory, 0x134, code)
+        self._sync_errors = self._missed = 0
         if state == INIT:
+            self.memory[0x981] = 0
             self._waiting.clear()
             self.memory[_IN_STATUS] &= ~_MAILBOX_FULL
 
@@ -194,6 +229,8 @@ class SlaveController:
             self._enter(OP)
         if self.state == OP:
             self._fed = self._now
+            self._missed = 0
+            self._sync_errors = max(self._sync_errors - GOOD, 0)
             at, size = self._outputs
             self.drive.take_outputs(bytes(self.memory[at : at + size]))
 

@@ -7,6 +7,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 
 from vega_planner.datatypes import Bools, Floats
+from vega_planner.errors import InvalidInput
 
 
 @dataclass(frozen=True)
@@ -32,11 +33,13 @@ class Feedback:
         positions: Joint positions [m, rad], shape (j,).
         velocities: Joint velocities [m/s, rad/s], shape (j,).
         fault: Why the machine must stop, or empty.
+        cycles: Cycles that took place before the fault; None where all did.
     """
 
     positions: Floats
     velocities: Floats
     fault: str = ""
+    cycles: int | None = None
 
 
 @dataclass
@@ -123,8 +126,38 @@ class MotionController(ABC):
         """Number that changes whenever the axes may have lost their reference."""
         return 0
 
+    @property
+    def homed(self) -> bool:
+        """Whether every axis knows where it is."""
+        return True
+
     def home(self) -> None:  # noqa: B027 - axes with absolute encoders have nothing to do
-        """Find the reference of the axes that have none."""
+        """Begin to find the reference of the axes that have none."""
+
+    @property
+    def homing(self) -> bool:
+        """Whether the axes are being homed."""
+        return False
+
+    def home_cycles(self, cycles: int) -> Feedback:
+        """Go on homing for some cycles."""
+        raise NotImplementedError
+
+    @property
+    def clock_correction(self) -> float:
+        """Time by which the next cycle should come later [s]."""
+        return 0.0
+
+    def start_recording(self) -> None:
+        """Begin to record the force that each axis takes.
+
+        Raises:
+            InvalidInput: If the forces are not known here.
+        """
+        raise InvalidInput("these axes do not tell their forces; calibration needs host control")
+
+    def finish_recording(self, *, keep: bool) -> None:  # noqa: B027 - see start_recording
+        """End a recording, and make its forces what is fed forward if they are kept."""
 
     def reset_fault(self) -> None:  # noqa: B027 - not every controller latches one
         """Clear a fault on an explicit request."""

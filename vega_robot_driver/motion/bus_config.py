@@ -7,8 +7,8 @@ builder's to tell, and a file that lacks one is refused with where to find it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +50,48 @@ class Mapped:
 
 
 @dataclass(frozen=True)
+class Homing:
+    """How a drive finds its reference (CiA 402-2, homing mode).
+
+    Attributes:
+        method: Object 6098.
+        speed: Speed of the search for the switch [increments/s], object 6099:01.
+        slow: Speed of the search for zero [increments/s], object 6099:02.
+        acceleration: Object 609A [increments/s²].
+        offset: Object 607C: position at home [increments].
+        timeout_s: Time homing may take.
+    """
+
+    method: int
+    speed: int
+    slow: int
+    acceleration: int
+    offset: int
+    timeout_s: float = 60.0
+
+
+@dataclass(frozen=True)
+class HostAxis:
+    """What closing an axis's loop in the computer takes. SI: N and kg, or Nm and kg m².
+
+    Attributes:
+        mass: Moved mass or inertia.
+        rated: Force at 1000 per mille of object 6071.
+        kp: Force by position error [N/m].
+        ki: Force by its integral [N/(m s)].
+        kd: Force by the error of the speed [N s/m].
+        most: Largest force.
+    """
+
+    mass: float
+    rated: float
+    kp: float
+    ki: float
+    kd: float
+    most: float
+
+
+@dataclass(frozen=True)
 class BusAxis:
     """One drive.
 
@@ -64,6 +106,9 @@ class BusAxis:
         lower: Lowest joint position [m, rad].
         upper: Highest joint position [m, rad].
         velocity: Highest joint speed [m/s, rad/s].
+        homing: How it finds its reference; None where its encoder is absolute.
+        host: What closing its loop in the computer takes; None where the drive closes it.
+        emulated: Forces that an emulated drive has to overcome, by name, or empty.
     """
 
     joint: str
@@ -76,6 +121,9 @@ class BusAxis:
     lower: float = -1e3
     upper: float = 1e3
     velocity: float = 1.0
+    homing: Homing | None = None
+    host: HostAxis | None = None
+    emulated: Mapping[str, float] = field(default_factory=dict)
 
     def increments(self, position: float) -> int:
         """Convert a joint position [m, rad] to increments."""
@@ -84,6 +132,29 @@ class BusAxis:
     def position(self, increments: float) -> float:
         """Convert increments to a joint position [m, rad]."""
         return increments / self.scale + self.offset
+
+
+@dataclass(frozen=True)
+class DispenserWiring:
+    """How the dispenser is connected: a wired start signal, and a serial line if it has one.
+
+    Attributes:
+        axis: Axis whose drive has the output that opens the valve, or empty.
+        bit: Bit of object 60FE:01.
+        port: Serial port of a Musashi dispenser, or empty.
+        baud: Bits a second.
+        channel: Channel whose parameters are used.
+        dialect: Family of its commands.
+        writes: Whether the pressure may be set; only after a person has tried it.
+    """
+
+    axis: str = ""
+    bit: int = 16
+    port: str = ""
+    baud: int = 9600
+    channel: int = 1
+    dialect: str = "super_sigma"
+    writes: bool = False
 
 
 @dataclass(frozen=True)
@@ -97,8 +168,10 @@ class BusConfig:
         rxpdo: What the master sends each drive.
         txpdo: What each drive sends.
         axes: The drives.
-        dispenser_joint: Axis whose drive has the dispenser's output, or empty.
-        dispenser_bit: Bit of object 60FE:01.
+        dispenser: How the dispenser is connected.
+        control: "drive" where the drives close the loops, "host" where the computer does.
+        distributed_clocks: "auto" to use them where every drive has them, "on" or "off".
+        sync_error_limit: Object 10F1:02 of the drives, or 0 where they have none.
     """
 
     interface: str
@@ -107,8 +180,10 @@ class BusConfig:
     rxpdo: tuple[Mapped, ...]
     txpdo: tuple[Mapped, ...]
     axes: tuple[BusAxis, ...]
-    dispenser_joint: str = ""
-    dispenser_bit: int = 16
+    dispenser: DispenserWiring = field(default_factory=lambda: DispenserWiring())
+    control: str = "drive"
+    distributed_clocks: str = "auto"
+    sync_error_limit: int = 0
 
     def for_joints(
         self,
@@ -154,21 +229,82 @@ def read_bus_config(path: str | Path) -> BusConfig:
     _require(path, "bus", bus, _BUS_SOURCES)
     for row in rows:
         _require(path, f"axis {row.get('joint', '?')}", row, _SOURCES)
-    axes = tuple(BusAxis(**{key: _typed(key, row[key]) for key in _SOURCES}) for row in rows)
+    axes = tuple(_axis(path, row) for row in rows)
     serials = [axis.serial for axis in axes]
     if len(set(serials)) < len(serials):
         raise InvalidInput(f"machine file {path}: two axes have one serial number: {serials}")
-    valve = content.get("dispenser") or {}
-    return BusConfig(
+    config = BusConfig(
         interface=str(bus["interface"]),
         wrong_counters=int(bus["wrong_counters"]),
         watchdog_ms=int(bus["watchdog_ms"]),
         rxpdo=_mapping(path, "rxpdo", bus["rxpdo"]),
         txpdo=_mapping(path, "txpdo", bus["txpdo"]),
         axes=axes,
-        dispenser_joint=str(valve.get("axis", "")),
-        dispenser_bit=int(valve.get("bit", 16)),
+        dispenser=_part(path, "dispenser", DispenserWiring, content.get("dispenser") or {}),
+        control=_choice(path, "control", bus.get("control", "drive"), ("drive", "host")),
+        distributed_clocks=_choice(
+            path,
+            "distributed_clocks",
+            bus.get("distributed_clocks", "auto"),
+            ("auto", "on", "off"),
+        ),
+        sync_error_limit=int(bus.get("sync_error_limit", 0)),
     )
+    _check_wiring(path, config)
+    return config
+
+
+def _axis(path: str | Path, row: dict[str, Any]) -> BusAxis:
+    where = f"axis {row['joint']}"
+    homing, host = row.get("homing"), row.get("host")
+    return BusAxis(
+        **{key: _typed(key, row[key]) for key in _SOURCES},
+        homing=_part(path, f"{where}: homing", Homing, homing) if homing else None,
+        host=_part(path, f"{where}: host", HostAxis, host) if host else None,
+        emulated={key: float(value) for key, value in (row.get("emulated") or {}).items()},
+    )
+
+
+def _part(path: str | Path, where: str, kind: type, row: dict[str, Any]) -> Any:
+    """Build a part of the file; every key must be one of its fields."""
+    names = [item.name for item in fields(kind)]
+    for key in row:
+        if key not in names:
+            raise InvalidInput(
+                f"machine file {path}: {where} has no '{key}'; choices: {', '.join(names)}"
+            )
+    try:
+        return kind(**row)
+    except TypeError as error:
+        raise InvalidInput(f"machine file {path}: {where}: {error}") from error
+
+
+def _choice(path: str | Path, name: str, value: Any, choices: tuple[str, ...]) -> str:
+    word = {True: "on", False: "off"}.get(value, value)  # YAML reads on and off as booleans
+    if word not in choices:
+        raise InvalidInput(
+            f"machine file {path}: {name} is '{value}'; choices: {', '.join(choices)}"
+        )
+    return str(word)
+
+
+def _check_wiring(path: str | Path, config: BusConfig) -> None:
+    """Refuse what cannot work together."""
+    joints = [axis.joint for axis in config.axes]
+    if config.dispenser.axis and config.dispenser.axis not in joints:
+        raise InvalidInput(
+            f"machine file {path}: the dispenser hangs on axis '{config.dispenser.axis}'; "
+            f"has: {', '.join(joints)}"
+        )
+    if config.control == "host":
+        for axis in config.axes:
+            if axis.host is None:
+                raise InvalidInput(
+                    f"machine file {path}: control 'host', and axis {axis.joint} lacks 'host' "
+                    "(mass, rated, kp, ki, kd, most: from data sheet and commissioning)"
+                )
+        if 0x6071 not in [item.index for item in config.rxpdo]:
+            raise InvalidInput(f"machine file {path}: rxpdo does not map object 6071")
 
 
 def _require(path: str | Path, where: str, row: dict[str, Any], sources: dict[str, str]) -> None:

@@ -50,6 +50,8 @@ TOWARDS_ENABLED = {
     State.FAULT_REACTION_ACTIVE: 0x00,
     State.FAULT: 0x00,
 }
+#: Modes of operation (object 6060).
+HOMING_MODE, POSITION_MODE, TORQUE_MODE = 6, 8, 10
 QUICK_STOP = 0x0B  # transition 11
 DISABLE_VOLTAGE = 0x00  # transitions 7, 9, 10, 12
 FAULT_RESET = 0x80  # transition 15, on the rising edge

@@ -1,0 +1,244 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The driver on emulated drives: start, faults, accelerations, interruptions, host control.
+
+    python bench/driver.py [--kills N] [--no-ros]
+
+Prints a table of fault, time to standstill and time to the closed valve, and figures beside
+their targets; ends with 1 where one is missed. What runs by the clock is the slowest of some
+runs, on a computer that does other things too; what runs by frames is the same everywhere.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE))
+import driver_faults as faults
+from driver_host import measured
+from driver_job import JOINTS, beads, machine
+
+from vega_robot_driver.job import PrintJob
+from vega_robot_driver.link import MachineLink
+
+RUNS = 3
+
+
+def start() -> dict[str, float]:
+    """Seconds from nothing to five drives in operation."""
+    seconds = []
+    for _ in range(RUNS):
+        with tempfile.TemporaryDirectory() as folder:
+            began = time.monotonic()
+            link = MachineLink(Path(folder), machine(time_scale=1.0))
+            link.ask("enable")
+            seconds.append(time.monotonic() - began)
+            states = {state for _, state, _ in link.ask("axes")["axes"]}
+            link.close()
+            assert states == {"operation enabled"}
+    return {"fastest": round(min(seconds), 3), "slowest": round(max(seconds), 3)}
+
+
+def speed_of_emulation() -> float:
+    """How much faster than the clock a print runs on emulated drives over the line."""
+    with tempfile.TemporaryDirectory() as folder:
+        link = MachineLink(Path(folder), machine(time_scale=50.0))
+        link.ask("enable")
+        faults.send(link, beads(4, 20e-3))
+        before, began = link.status().clock, time.monotonic()
+        link.ask("run")
+        faults.until(lambda: link.status().state == "done", 120)
+        ratio = (link.status().clock - before) / (time.monotonic() - began)
+        link.close()
+    return round(ratio, 1)
+
+
+def fast_move() -> PrintJob:
+    """A move of x and a at the robot's own limits of speed and acceleration, to and fro."""
+    robot = machine()
+    times, rows, rates = [0.0], [np.zeros(5)], [np.zeros(5)]
+    speed = np.array([0.9 * robot.velocity[0], 0, 0, 0.9 * robot.velocity[3], 0])
+    rise = 1.02 * max(speed[k] / robot.acceleration[k] for k in (0, 3))
+    for sign in (1.0, -1.0, 1.0, -1.0):
+        for duration, share, rate in ((rise, 0.5, 1.0), (0.15, 1.0, 1.0), (rise, 0.5, 0.0)):
+            times.append(times[-1] + duration)
+            rows.append(rows[-1] + sign * share * duration * speed)
+            rates.append(sign * rate * speed)
+    count = len(times)
+    positions = np.array(rows)
+    positions[:, 2] = -0.05
+    return PrintJob(
+        joint_names=JOINTS,
+        times=np.array(times),
+        positions=positions,
+        velocities=np.array(rates),
+        extrude=np.zeros(count, np.bool_),
+        path_id=np.full(count, -1),
+        path_layer=np.zeros(0, np.int64),
+    )
+
+
+def accelerations(actions: int = 60) -> dict[str, Any]:
+    """Largest change between two steps of the drives' setpoints, by the acceleration limit."""
+    chance = np.random.default_rng(3)
+    with tempfile.TemporaryDirectory() as folder:
+        executor, drives = faults.direct(Path(folder))
+    limits = np.array(machine().acceleration)
+    told = drives.line.segment.slaves
+    for slave in told:
+        slave.drive.largest_change = 0.0
+    done = 0
+    while done < actions:
+        if executor.state in ("idle", "done", "stopped"):
+            executor.load(fast_move() if done % 2 else beads(2, 4e-3))
+            executor.run(float(chance.uniform(0.3, 1.0)))
+        executor.advance(1)
+        if chance.random() < 0.01:
+            done += 1
+            choice = chance.integers(8)
+            if executor.state in ("pausing", "paused"):
+                executor.resume()
+            elif choice == 0:
+                executor.stop()
+            elif choice < 5 and executor.state == "printing":
+                executor.pause()
+            else:
+                executor.override = float(chance.uniform(0.05, 1.0))
+    scale = np.array([1e6, 1e6, 1e6, 1e5, 1e5])
+    # A setpoint is a whole number of increments: two of them may be half of one off each.
+    found = np.array([slave.drive.largest_change for slave in told])
+    share = np.maximum(found - 2, 0.0) / scale / faults.DT**2 / limits
+    return {"of_limit": np.round(share, 3).tolist(), "actions": done}
+
+
+def interruptions(kills: int) -> dict[str, Any]:
+    done = subprocess.run(
+        [sys.executable, HERE / "interruptions.py", str(kills)], capture_output=True, text=True
+    )
+    if not done.stdout:
+        raise SystemExit(done.stderr)
+    return json.loads(done.stdout)
+
+
+def unprivileged() -> str:
+    """Whether five drives come into operation without root."""
+    if os.geteuid() != 0:
+        return "this run is one"
+    tried = subprocess.run(
+        ["setpriv", "--reuid=65534", "--regid=65534", "--clear-groups", "unshare", "-Urn", "true"],
+        capture_output=True,
+        text=True,
+    )
+    if tried.returncode:
+        return f"the kernel does not let one: {tried.stderr.strip()}"
+    with tempfile.TemporaryDirectory() as folder:
+        Path(folder).chmod(0o777)
+        code = (
+            f"import sys; sys.path.insert(0, {str(HERE)!r})\n"
+            "from driver_job import machine\n"
+            "from pathlib import Path\n"
+            "from vega_robot_driver.link import MachineLink\n"
+            f"link = MachineLink(Path({folder!r}) / 'machine', machine(time_scale=20.0))\n"
+            "link.ask('enable')\n"
+            "print({state for _, state, _ in link.ask('axes')['axes']})\n"
+            "link.close()\n"
+        )
+        done = subprocess.run(
+            ["setpriv", "--reuid=65534", "--regid=65534", "--clear-groups",
+             sys.executable, "-c", code],
+            capture_output=True,
+            text=True,
+        )  # fmt: skip
+    words = done.stdout.strip() or done.stderr.strip().splitlines()[-1]
+    return "operation enabled as user 65534" if words == "{'operation enabled'}" else words
+
+
+def table(rows: dict[str, dict[str, Any]]) -> None:
+    print(f"{'fault':32s} {'standstill':>11s} {'valve closed':>13s} {'open at rest':>13s}  state")
+    for name, row in rows.items():
+        cells = [
+            "-" if row[key] is None else f"{row[key]:.1f} ms"
+            for key in ("standstill_ms", "valve_closed_ms")
+        ]
+        spoiled = row.get("ended_otherwise")
+        note = f" (slowest of {row['runs']}; {spoiled} ended otherwise)" if "runs" in row else ""
+        print(
+            f"{name:32s} {cells[0]:>11s} {cells[1]:>13s} {row['on_at_standstill']:>13d}  "
+            f"{row['state']}{note}"
+        )
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--kills", type=int, default=1000)
+    parser.add_argument("--no-ros", action="store_true")
+    options = parser.parse_args()
+    rows = faults.injected()
+    rows["pause"] = faults.worst(faults.pause, RUNS)
+    rows["killed client"] = faults.worst(lambda: faults.killed_client(signal.SIGKILL), RUNS)
+    rows["frozen client"] = faults.worst(lambda: faults.killed_client(signal.SIGSTOP), RUNS)
+    if not options.no_ros:
+        rows["killed ROS node"] = faults.worst(faults.killed_node, 1)
+    rows["serial line dead"] = faults.worst(lambda: faults.serial_line("silent"), 1)
+    rows["A0 lost (asked again)"] = faults.worst(lambda: faults.serial_line("lose_verdict"), 1)
+    table(rows)
+    begun = start()
+    changes = accelerations()
+    ratio = speed_of_emulation()
+    host = measured()
+    kills = interruptions(options.kills)
+    compensated = host["pid_with_disturbance"]
+    checks = {
+        "open at standstill, cycles of all faults": (
+            sum(row["on_at_standstill"] for row in rows.values()), "= 0", lambda v: v == 0),
+        "every fault ends as it should": (
+            [n for n, row in rows.items() if not row["safe"]], "none else", lambda v: not v),
+        "pause to standstill [ms]": (
+            rows["pause"]["standstill_ms"], "<= 130", lambda v: v <= 130),
+        "client kill to standstill [ms]": (
+            rows["killed client"]["standstill_ms"], "<= 200", lambda v: v <= 200),
+        "start to five drives in operation [s]": (
+            begun["slowest"], "<= 1", lambda v: v <= 1.0),
+        "setpoint change by the acceleration limit": (
+            max(changes["of_limit"]), "<= 1", lambda v: v <= 1.0),
+        "emulated run, times real time": (ratio, ">= 5", lambda v: v >= 5),
+        "host control, mean error [um]": (
+            max(compensated["mean_abs_error_um"]), "<= 9.4", lambda v: v <= 9.4),
+        "host control, repeatability [um]": (
+            max(compensated["repeatability_2_sigma_um"]), "<= 2", lambda v: v <= 2.0),
+        "beads lost": (kills["beads_lost"], "= 0", lambda v: v == 0),
+        "beads doubled": (kills["beads_doubled"], "= 0", lambda v: v == 0),
+        "interruptions": (kills["interruptions"], "1000", lambda v: v >= options.kills),
+    }  # fmt: skip
+    print()
+    missed = []
+    for name, (value, target, good) in checks.items():
+        met = value is not None and good(value)
+        missed += [] if met else [name]
+        print(f"{name:44s} {value!s:>10s}   target {target:9s} {'met' if met else 'MISSED'}")
+    details = {
+        "start_s": begun,
+        "acceleration": changes,
+        "host_control_of_an_emulation": host,
+        "interruptions": kills,
+        "unprivileged": unprivileged(),
+        "load_average": os.getloadavg(),
+        "faults": rows,
+    }
+    print(json.dumps(details, indent=2))
+    return 1 if missed else 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
