@@ -145,7 +145,7 @@ def test_plan_print_pause_resume_reload_and_stop(
     with open_tabs(box, job) as (viewer, new_tab):
         tab = new_tab()
         tab.press("Plan")
-        until(lambda: viewer.result is not None and not viewer.jobs.planning, seconds=120)
+        until(lambda: viewer.result is not None and not viewer.jobs.planning, seconds=240)
         assert job.planned_with.part.brr == ("down",)
         sheets = len(viewer.result.sheets)
         assert sheets >= 5
