@@ -219,7 +219,8 @@ def main() -> int:
             max(compensated["repeatability_2_sigma_um"]), "<= 2", lambda v: v <= 2.0),
         "beads lost": (kills["beads_lost"], "= 0", lambda v: v == 0),
         "beads doubled": (kills["beads_doubled"], "= 0", lambda v: v == 0),
-        "interruptions": (kills["interruptions"], f">= {options.kills}", lambda v: v >= options.kills),
+        "interruptions": (
+            kills["interruptions"], f">= {options.kills}", lambda v: v >= options.kills),
     }  # fmt: skip
     print()
     missed = []

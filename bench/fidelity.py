@@ -6,12 +6,11 @@
     .venv/bin/python bench/fidelity.py --slicer          PrusaSlicer's G-code as well
 
 Plans each part three times, prints it virtually, and writes `fidelity.json` and
-`fidelity.md` to docs/results, with the paper's figures beside ours. Other meshes stand beside them:
+`fidelity.md` to docs/results, with the paper's figures beside ours. Both files are
+written anew after each part, so that a run that is stopped leaves what it measured.
+Other meshes stand beside the parts:
 
     .venv/bin/python bench/fidelity.py --beside spot.obj fandisk.obj
-
- Both files are
-written anew after each part, so that a run that is stopped leaves what it measured.
 """
 
 from __future__ import annotations
