@@ -8,6 +8,9 @@
 Plans each part three times, prints it virtually, and writes `fidelity.json` and
 `fidelity.md` to docs/results, with the paper's figures beside ours. Both files are
 written anew after each part, so that a run that is stopped leaves what it measured.
+Other meshes stand beside the parts:
+
+    .venv/bin/python bench/fidelity.py --beside spot.obj fandisk.obj
 """
 
 from __future__ import annotations
@@ -59,7 +62,10 @@ JOB = {
     "deposited_ratio": "bead volume / volume",
     "total_s": "computing time [s]",
     "simulate_s": "virtual print [s]",
+    "status": "printable",
 }
+#: Largest dimension to which meshes beside the parts are scaled [mm].
+BESIDE_MM = 36.0
 #: The paper's figures: mean and standard deviation over its scanned parts.
 PAPER = """| | planar | enveloping, Euclidean | change |
 | --- | --- | --- | --- |
@@ -71,8 +77,10 @@ PAPER = """| | planar | enveloping, Euclidean | change |
 | path length | | | differs by 5.4 ± 2.3 % |
 | computing time [s] | | 32 ± 7 | |
 """
-NOTE = """Planar stands for `vega slice`, walls and concentric infill; enveloping, Euclidean, for
-the paper's projected zigzag lines; enveloping, geodesic, for what `vega plan` does.
+NOTE = """Planar stands for `vega slice`, walls and concentric infill of the whole part, on the
+same substrate where the part needs one, also where its upright nozzle would touch that;
+enveloping, Euclidean, for the paper's projected zigzag lines; enveloping, geodesic, for
+what `vega plan` does.
 PrusaSlicer's rows are its own G-code of the same part, layer and bead, read back and
 printed by the same means; they enter no mean.
 
@@ -88,8 +96,12 @@ What can be compared with the paper, and what cannot:
   well below the part's (the table of the job), the inside is not filled, and e1 does not
   show it.
 - Open pits count with their walls. Where gaps between beads join from layer to layer,
-  the outer surface reaches deep inside, as in the geodesic print of part0; then e2's
-  deviation and e3, which squares, are mostly those of the pits.
+  the outer surface reaches deep inside; then e2's deviation and e3, which squares, are
+  mostly those of the pits.
+- Prints are taken off their substrate before they are looked at, and cut where it stood.
+- Meshes beside the parts are scaled to one size, lie as their files say, and enter no
+  mean. Where less than everything can be printed (the table of the job), what is left
+  out counts as undershoot.
 - e3 is the limit for dense point sets; the paper's, between vertices, also grows with
   the distance of the vertices.
 - Computing times are of one run on a machine that did other work as well.
@@ -126,6 +138,17 @@ def measure(path: Path, mode: str, voxel_mm: float) -> dict[str, Any]:
         "simulate_s": time.perf_counter() - planned,
         "status": result.printability.status,
     }
+
+
+def scaled(path: Path, folder: Path) -> Path:
+    """Write a mesh scaled to `BESIDE_MM` as STL."""
+    import trimesh
+
+    mesh: Any = trimesh.load(path, force="mesh", process=False)
+    mesh.apply_scale(BESIDE_MM / mesh.extents.max())
+    file = folder / f"{path.stem}.stl"
+    mesh.export(file)
+    return file
 
 
 def measure_slicer(path: Path, voxel_mm: float) -> dict[str, Any] | None:
@@ -172,7 +195,12 @@ def paired(old: list[float], new: list[float]) -> str:
 def tables(record: dict[str, Any]) -> str:
     """Write the document; means and changes are over the parts printed in every mode."""
     results: dict[str, dict[str, dict[str, Any]]] = record["parts"]
-    whole = {part: modes for part, modes in results.items() if all(m in modes for m in MODES)}
+    beside = record.get("beside", [])
+    whole = {
+        part: modes
+        for part, modes in results.items()
+        if all(m in modes for m in MODES) and part not in beside
+    }
     lines = [
         "# Fidelity of virtual prints",
         "",
@@ -202,7 +230,7 @@ def tables(record: dict[str, Any]) -> str:
     lines.append("| --- " * (2 + len(JOB)) + "|")
     for part, modes in results.items():
         for mode, row in modes.items():
-            cells = [f"{row[key]:.3f}" if key in row else "–" for key in JOB]
+            cells = [_cell(row.get(key)) for key in JOB]
             lines.append(f"| {part} | {mode} | " + " | ".join(cells) + " |")
     lengths = {mode: [m[mode]["path_length_mm"] for m in whole.values()] for mode in MODES}
     lines.append("")
@@ -211,6 +239,12 @@ def tables(record: dict[str, Any]) -> str:
         for mode in list(MODES)[1:]
     ]
     return "\n".join([*lines, "", "## The paper", "", PAPER.rstrip()])
+
+
+def _cell(value: float | str | None) -> str:
+    if value is None:
+        return "–"
+    return value if isinstance(value, str) else f"{value:.3f}"
 
 
 def _escaped(words: str) -> str:
@@ -273,12 +307,35 @@ def main() -> int:
     parser.add_argument(
         "--slicer", action="store_true", help="PrusaSlicer too, where a part's base is flat"
     )
+    parser.add_argument(
+        "--beside", nargs="*", type=Path, default=[], help="other meshes, beside the means"
+    )
+    parser.add_argument("--keep", action="store_true", help="keep the other rows of the last run")
     options = parser.parse_args()
     if options.slicer and not shutil.which("prusa-slicer"):
         parser.error("prusa-slicer is not installed (Debian: apt-get install prusa-slicer)")
     paths = options.parts or sorted((ROOT / "parts").glob("part*.stl"))
     results: dict[str, dict[str, dict[str, Any]]] = {}
-    record = {"commit": revision(), "voxel_mm": options.voxel, "parts": results}
+    beside: list[str] = []
+    last = options.output / "fidelity.json"
+    if options.keep and last.exists():
+        old = json.loads(last.read_text())
+        results, beside = old["parts"], old.get("beside", [])
+        paths = options.parts
+    beside = sorted({*beside, *(path.stem for path in options.beside)})
+    record = {
+        "commit": revision(), "voxel_mm": options.voxel, "parts": results, "beside": beside,
+    }  # fmt: skip
+    with tempfile.TemporaryDirectory() as folder:
+        paths = [*paths, *(scaled(path, Path(folder)) for path in options.beside)]
+        run(paths, options, record)
+    print(f"written: {options.output / 'fidelity.md'}")
+    return 0
+
+
+def run(paths: list[Path], options: argparse.Namespace, record: dict[str, Any]) -> None:
+    """Measure parts one after the other, and write what there is after each."""
+    results = record["parts"]
     for path in paths:
         for mode in [*options.modes, *([SLICER] if options.slicer else [])]:
             row = row_of(path, mode, options.voxel)
@@ -288,8 +345,6 @@ def main() -> int:
             shown = ", ".join(f"{k} {row['free'][k]:.4f}" for k in MEASURES)
             print(f"{path.stem} {mode}: {shown}", flush=True)
         write(record, options.output)
-    print(f"written: {options.output / 'fidelity.md'}")
-    return 0
 
 
 if __name__ == "__main__":

@@ -114,6 +114,22 @@ def slot(gap: float) -> Part:
     )
 
 
+def round_the_slot(gap: float) -> Callable[[np.ndarray], np.ndarray]:
+    """Depths in a slotted block, in closed form: behind the slot, round its lower corner."""
+    right = 12 + gap / 2
+
+    def depths(points: np.ndarray) -> np.ndarray:
+        y, z = points[:, 1], points[:, 2]
+        behind = (y > 12) & (z > 6)
+        return np.where(behind, right + np.hypot(y - right, z - 6), y)
+
+    return depths
+
+
+#: Depths of parts where the straight way to the surface leaves the part.
+DEPTHS = {f"slot{gap}": round_the_slot(gap) for gap in (2.0, 0.6)}
+
+
 def hollow_dome() -> Part:
     solid = (ball(15) - ball(9)).trim_by_plane((0, 0, 1), 0)
     return make_part(

@@ -16,8 +16,10 @@ HERE = Path(__file__).resolve().parent
 #: In the order of the pipeline. Scripts that help others are not listed.
 ORDER = (
     "layers",
+    "engines",
     "printability",
     "toolpaths",
+    "spacing",
     "trajectory",
     "whole",
     "fidelity",

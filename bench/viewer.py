@@ -29,7 +29,9 @@ import sample_plan
 import setup_browser
 from playwright.sync_api import sync_playwright
 
+from vega_planner.datatypes import Toolpath, ToolpathSet, Travel
 from vega_planner.viewer.picking import first_hit
+from vega_planner.viewer.result_folder import read_result
 from vega_planner.viewer.server import open_viewer
 
 #: Counts pictures from inside the page, and the most corners that one picture was made of.
@@ -52,6 +54,22 @@ WATCH = """
   }
 """
 
+#: Receives the latched topics, as RViz does, without reading what is in them.
+LISTENER = """
+import rclpy
+from rclpy.node import Node
+from visualization_msgs.msg import MarkerArray
+from vega_planner.nodes.planner import LATCHED
+rclpy.init()
+node = Node("bench_listener")
+for name in ("layers", "toolpath", "toolpath_speed"):
+    node.create_subscription(MarkerArray, name, lambda data: None, LATCHED, raw=True)
+try:
+    rclpy.spin(node)
+except BaseException:
+    pass
+"""
+
 
 def main():
     parser = argparse.ArgumentParser()
@@ -69,11 +87,12 @@ def main():
             executable_path=path, headless=True, args=list(setup_browser.FLAGS)
         )
         before = browser_cpu_s()
-        figures["first_picture_s"] = first_picture(browser, mesh)
+        figures |= first_picture(browser, mesh)
         figures["first_picture_browser_cpu_s"] = round(browser_cpu_s() - before, 2)
         figures |= large_plan(browser, plan)
         figures |= clicks(browser, mesh)
         browser.close()
+        figures |= publishing(plan)
     figures["load_average"] = os.getloadavg()[0]
     text = json.dumps(figures, indent=2)
     print(text)
@@ -101,7 +120,11 @@ def first_picture(browser, mesh):
             page.add_init_script(WATCH)
             page.goto(url)
             wait_for_picture(page, 3 * 10_000)
-            return round(time.perf_counter() - began, 2)
+            taken = time.perf_counter() - began
+            return {
+                "first_picture_s": round(taken, 2),
+                "first_picture_server_cpu_s": cpu_s(server.pid),
+            }
         finally:
             page.close()
             server.terminate()
@@ -174,7 +197,7 @@ def clicks(browser, mesh):
         page.get_by_role("button", name="Plan").wait_for()
         time.sleep(2)
         part = viewer.part
-        viewer.picks.clear()
+        viewer.region.picks.clear()
         eye = 1000.0 * np.array(viewer._server.initial_camera.position)
         target = np.array([0.0, 0.0, 15.0])
         face = first_hit(eye, target - eye, part.vertices, part.faces).face
@@ -187,10 +210,10 @@ def clicks(browser, mesh):
         canvas = page.locator("canvas").first.bounding_box()
         middle = canvas["x"] + canvas["width"] / 2, canvas["y"] + canvas["height"] / 2
         for _ in range(5):
-            state = viewer.picks.faces[face]
+            state = viewer.region.picks.faces[face]
             start = time.perf_counter()
             page.mouse.click(*middle)
-            while viewer.picks.faces[face] == state and time.perf_counter() - start < 5:
+            while viewer.region.picks.faces[face] == state and time.perf_counter() - start < 5:
                 time.sleep(0.002)
             outside.append(1e3 * (time.perf_counter() - start))
             time.sleep(0.5)
@@ -200,6 +223,83 @@ def clicks(browser, mesh):
         "click_to_region_ms_median": round(float(np.median(outside)), 1),
         "click_faces": len(part.faces),
     }
+
+
+def publishing(plan, rounds=9):
+    """Turn the layers of a large plan into messages and publish them, and the toolpaths.
+
+    From the layers in memory to the return of `publish`; a listener in a process of its own
+    receives everything, as RViz would.
+    """
+    os.environ |= {
+        "ROS_DOMAIN_ID": str(1 + os.getpid() % 100),
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+    }
+    import rclpy
+    from rclpy.node import Node
+    from visualization_msgs.msg import MarkerArray
+
+    from vega_planner.datatypes import LayerStack
+    from vega_planner.nodes.cdr import marker_array
+    from vega_planner.nodes.markers import layer_markers, toolpath_markers
+    from vega_planner.nodes.planner import LATCHED
+
+    result = read_result(plan)
+    stack = LayerStack(result.part, "field", 0.8, result.sheets)
+    toolpaths, speeds = passes_of(result.timeline)
+    makers = {
+        "layers": lambda: layer_markers(stack),
+        "toolpath": lambda: toolpath_markers(toolpaths),
+        "toolpath_speed": lambda: toolpath_markers(toolpaths, speeds),
+    }
+    rclpy.init()
+    node = Node("bench_viewer")
+    publishers = {name: node.create_publisher(MarkerArray, name, LATCHED) for name in makers}
+    listener = subprocess.Popen([sys.executable, "-c", LISTENER], stdout=subprocess.PIPE)
+    while any(not publisher.get_subscription_count() for publisher in publishers.values()):
+        time.sleep(0.02)
+    figures = {}
+    for name, make in makers.items():
+        spent, cpu = [], []
+        for _ in range(rounds):
+            start, clock = time.perf_counter(), time.process_time()
+            data = marker_array(make())
+            publishers[name].publish(data)
+            spent.append(1e3 * (time.perf_counter() - start))
+            cpu.append(1e3 * (time.process_time() - clock))
+            time.sleep(0.3)
+        figures[f"publish_{name}_ms_first"] = round(spent[0], 1)
+        figures[f"publish_{name}_ms_median"] = round(float(np.median(spent)), 1)
+        figures[f"publish_{name}_cpu_ms_median"] = round(float(np.median(cpu)), 1)
+        figures[f"publish_{name}_mb"] = round(len(data) / 1e6, 1)
+    total = sum(figures[f"publish_{name}_ms_median"] for name in makers)
+    figures["publish_all_ms_median"] = round(total, 1)
+    listener.terminate()
+    listener.wait()
+    node.destroy_node()
+    rclpy.shutdown()
+    return figures
+
+
+def passes_of(timeline):
+    """The passes of a result as toolpaths, and a speed for each of their points."""
+    passes, speeds = [], []
+    for number in range(int(timeline.path_id.max()) + 1):
+        rows = timeline.path_id == number
+        points = timeline.points[rows]
+        passes.append(
+            Toolpath(
+                patch=number,
+                layer=int(timeline.layer[rows][0]),
+                points=points,
+                axes=timeline.axes[rows],
+                width=np.full(len(points), 1.2),
+                height=np.full(len(points), 0.8),
+            )
+        )
+        speeds.append(np.full(len(points), 5.0))
+    travels = tuple(Travel(points=np.zeros((0, 3)), axes=np.zeros((0, 3))) for _ in passes)
+    return ToolpathSet(tuple(passes), (*travels, travels[0])), speeds
 
 
 def browser_cpu_s():
@@ -214,6 +314,13 @@ def browser_cpu_s():
         if name.startswith(("chrom", "headless")):
             total += sum(int(ticks) for ticks in rest.split()[11:13])
     return total / os.sysconf("SC_CLK_TCK")
+
+
+def cpu_s(pid):
+    """Time a process has computed so far."""
+    text = Path(f"/proc/{pid}/stat").read_text()
+    ticks = text[text.rindex(")") + 2 :].split()[11:13]
+    return round(sum(map(int, ticks)) / os.sysconf("SC_CLK_TCK"), 2)
 
 
 def memory_mb():

@@ -4,12 +4,14 @@
 Plans a shipped part unless its result is there, opens the viewer in a browser without a
 screen, and goes through it as a person would.
 
-    python tools/screenshots.py [--out docs/pictures] [--plan out/part1_dome]
+    python tools/screenshots.py [--out docs/pictures] [--plan out/part1_dome] [--part PART]
 """
 
 from __future__ import annotations
 
 import argparse
+import io
+import os
 import sys
 import time
 from collections.abc import Callable
@@ -19,8 +21,11 @@ from typing import Any
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / "tools")]
 
-PART = ROOT / "parts" / "part1_dome.stl"
-SIZE = {"width": 1200, "height": 760}
+#: From the repository's root, so that the command in the picture is short.
+PART = Path("parts/part1_dome.stl")
+SIZE = {"width": 1100, "height": 680}
+#: Longest time until the picture stands still [s].
+PATIENCE_S = 30.0
 
 
 def main() -> int:
@@ -28,6 +33,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "pictures")
     parser.add_argument("--plan", type=Path, default=ROOT / "out" / "part1_dome")
+    parser.add_argument("--part", type=Path, default=PART, help="mesh whose region is chosen")
     options = parser.parse_args()
     from playwright.sync_api import sync_playwright
     from setup_browser import FLAGS, find_browser
@@ -36,25 +42,27 @@ def main() -> int:
     if path is None:
         print("screenshots: no Chromium found; run tools/setup_browser.py", file=sys.stderr)
         return 2
-    plan = planned(options.plan)
-    options.out.mkdir(parents=True, exist_ok=True)
+    out, plan = options.out.absolute(), options.plan.absolute()
+    part = options.part if options.part == PART else options.part.absolute()
+    os.chdir(ROOT)
+    planned(plan)
+    out.mkdir(parents=True, exist_ok=True)
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=path, headless=True, args=list(FLAGS))
-        for target, steps in ((PART, of_the_region), (plan, of_the_plan)):
-            show(browser, target, steps, options.out)
+        for target, steps in ((part, of_the_region), (plan, of_the_plan)):
+            show(browser, target, steps, out)
         browser.close()
     return 0
 
 
-def planned(folder: Path) -> Path:
-    """The result folder of the part, made where it is missing."""
+def planned(folder: Path) -> None:
+    """Make the result folder of the part where it is missing."""
     if not (folder / "summary.json").is_file():
         from vega_planner.pipeline import plan
         from vega_planner.settings import load_settings
 
         print(f"screenshots: planning {PART.name}", flush=True)
         plan(PART, load_settings(PART.with_suffix(".yaml"))).write(folder)
-    return folder
 
 
 def show(browser: Any, target: Path, steps: Callable[..., None], out: Path) -> None:
@@ -69,7 +77,7 @@ def show(browser: Any, target: Path, steps: Callable[..., None], out: Path) -> N
         notice = page.get_by_text("Software WebGL rendering detected")
         notice.wait_for()
         page.locator(".mantine-Notification-closeButton").first.click()
-        settle(3.0)
+        until(lambda: viewer.picture.has_robot)
         steps(viewer, page, out)
         page.close()
 
@@ -77,47 +85,61 @@ def show(browser: Any, target: Path, steps: Callable[..., None], out: Path) -> N
 def of_the_region(viewer: Any, page: Any, out: Path) -> None:
     """The restraint region, its SPEC, and the layers it leads to."""
     viewer.controls.show_robot.value = False
-    come_closer(viewer, 0.6)
-    viewer._region_changed()
-    while "Working" in viewer.controls.pointed.content:
-        settle(0.2)
+    viewer.picture.refresh()
+    viewer.region.changed()
+    until(lambda: "Working" not in viewer.controls.pointed.content)
     save(page, out / "viewer_region.png")
 
 
 def of_the_plan(viewer: Any, page: Any, out: Path) -> None:
-    """The print half-way, and a section through all layers."""
-    duration = viewer.result.timeline.duration_s
-    viewer.controls.time.value = round(0.75 * duration, 1)
-    viewer.set_time(0.75 * duration)
-    save(page, out / "viewer_print.png")
-    viewer.controls.time.value = viewer.controls.time.max
-    viewer.set_time(duration)
-    viewer.controls.cut.value = "cut at y"
-    viewer.controls.show_robot.value = False
-    viewer.controls.show_path.value = False
-    viewer._redraw()
-    come_closer(viewer, 0.6)
+    """A section through all layers, and the print in progress."""
+    controls, picture = viewer.controls, viewer.picture
+    controls.cut.value = "cut at y"
+    controls.show_robot.value = False
+    picture.redraw()
     page.get_by_role("tab", name="Result").click()
-    save(page, out / "viewer_section.png")
+    save(page, out / "viewer_plan.png")
+    controls.cut.value = "whole"
+    controls.show_robot.value = True
+    picture.redraw()
+    step_back(viewer, 1.5)
+    time_s = round(0.6 * picture.result.timeline.duration_s, 1)
+    controls.time.value = time_s
+    viewer.set_time(time_s)
+    page.get_by_role("tab", name="Show").click()
+    save(page, out / "viewer_print.png")
 
 
-def come_closer(viewer: Any, share: float) -> None:
-    """Move every camera towards the part, to a share of its distance."""
+def step_back(viewer: Any, times: float) -> None:
+    """Move every camera away from what it looks at, so many times as far."""
     for client in viewer._server.get_clients().values():
         camera = client.camera
-        camera.position = camera.look_at + share * (camera.position - camera.look_at)
+        camera.position = camera.look_at + times * (camera.position - camera.look_at)
 
 
 def save(page: Any, path: Path) -> None:
     """Wait until the picture stands still, then keep it."""
-    settle(4.0)
-    page.screenshot(path=str(path))
+    from PIL import Image
+
+    time.sleep(1.0)
+    shots = [page.screenshot()]
+    end = time.monotonic() + PATIENCE_S
+    while len(shots) < 4 or len(set(shots[-3:])) > 1:
+        if time.monotonic() > end:
+            break
+        time.sleep(0.6)
+        shots.append(page.screenshot())
+    Image.open(io.BytesIO(shots[-1])).convert("RGB").save(path, optimize=True)
     print(f"screenshots: {path}", flush=True)
 
 
-def settle(seconds: float) -> None:
-    """Let the browser draw."""
-    time.sleep(seconds)
+def until(claim: Callable[[], bool]) -> None:
+    """Wait until a claim holds."""
+    end = time.monotonic() + PATIENCE_S
+    while not claim():
+        if time.monotonic() > end:
+            raise SystemExit("screenshots: waited in vain")
+        time.sleep(0.1)
 
 
 if __name__ == "__main__":

@@ -38,6 +38,7 @@ def main() -> int:
         _make_venv()
         _install_packages()
         _install_vega()
+        _compile_bytecode()
         _warm_kernels()
     except subprocess.CalledProcessError as error:
         return _fail(f"'{' '.join(map(str, error.cmd))}' ended with status {error.returncode}")
@@ -89,6 +90,12 @@ def _install_packages() -> None:
 def _install_vega() -> None:
     """Make the messages, and install the packages so that edits are seen at once."""
     _run([PYTHON, ROOT / "tools" / "setup_ros.py"])
+
+
+def _compile_bytecode() -> None:
+    """Also where Python is told not to write it by itself: a start is 0.2 s sooner."""
+    rooms = sorted(path for path in ROOT.glob("vega_*") if path.is_dir())
+    _run([PYTHON, "-m", "compileall", "-q", *rooms])
 
 
 def _warm_kernels() -> None:

@@ -264,8 +264,8 @@ class Toolpath:
         axes: Unit vectors from the tip back along the nozzle, shape (n, 3).
         width: Bead width at the points [mm], shape (n,), > 0.
         height: Bead height along the axis at the points [mm], shape (n,), > 0.
-        patch: Index of the patch in print order.
-        layer: Index of the patch's layer in `LayerStack.sheets`.
+        patch: Index of the patch in print order; -1 for a prime line.
+        layer: Index of the patch's layer in `LayerStack.sheets`; -1 for a prime line.
         closed: True where the last point joins the first again (it is repeated).
     """
 

@@ -65,7 +65,7 @@ def plan(
     from vega_planner.ordering import order_patches
     from vega_planner.part import load_part
     from vega_planner.printability import assess_printability
-    from vega_planner.printability.collisions import certificate, with_check
+    from vega_planner.printability.collisions import certificate, check_toolpaths, with_check
     from vega_planner.printability.pose import choose_pose
     from vega_planner.printability.repair import resolve_collisions
     from vega_planner.robot import load_cell
@@ -75,6 +75,7 @@ def plan(
     from vega_planner.substrate import stand_on_substrate
     from vega_planner.toolpaths import lay_toolpaths
     from vega_planner.toolpaths.coverage import measure_coverage
+    from vega_planner.toolpaths.prime import with_prime_line
     from vega_planner.trajectory import make_trajectory, no_motion
 
     settings = settings or Settings()
@@ -93,7 +94,9 @@ def plan(
     with stages.enter("printability") as tell:
         if parse_pose(settings.cell.pose) is None:
             cell = place(cell, choose_pose(stack, cell, settings.printability))
-        assessment = assess_printability(stack, cell, settings.printability, tell)
+        assessment = assess_printability(
+            stack, cell, settings.printability, tell, settings.toolpaths.width_mm
+        )
     with stages.enter("splitting") as tell:
         patches = split_layers(stack, assessment, cell, settings.printability, tell)
     with stages.enter("ordering") as tell:
@@ -104,6 +107,28 @@ def plan(
         toolpaths, check = resolve_collisions(
             toolpaths, order.patches, stack, cell, settings.printability, tell
         )
+        if check.colliding and order.report.status == "fully":
+            # what does not go with whole layers may go with layers cut into bands
+            pieces = order_patches(
+                patches, stack, cell, settings.printability, tell, assessment, cut=True
+            )
+            paths = lay_toolpaths(pieces.patches, stack, cell, settings.toolpaths, tell)
+            paths, other = resolve_collisions(
+                paths, pieces.patches, stack, cell, settings.printability, tell
+            )
+            if other.colliding < check.colliding:
+                order, toolpaths, check = pieces, paths, other
+        if settings.toolpaths.prime_mm > 0:
+            toolpaths = with_prime_line(
+                toolpaths,
+                cell,
+                length_mm=settings.toolpaths.prime_mm,
+                width_mm=settings.toolpaths.width_mm,
+                height_mm=stack.thickness_mm,
+            )
+            check = check_toolpaths(
+                toolpaths, order.patches, stack, cell, settings.printability, tell
+            )
     with stages.enter("trajectory") as tell:
         if toolpaths.passes:
             trajectory = make_trajectory(toolpaths, cell, settings.trajectory, tell)
@@ -169,6 +194,13 @@ class PrintPlan:
             *self.toolpaths.warnings,
             *self.trajectory.warnings,
         )
+
+    @property
+    def prime_mm3(self) -> float:
+        """Volume of the prime line [mm³], which is not part of the print."""
+        from vega_planner.toolpaths.coverage import deposited_volume
+
+        return deposited_volume(path for path in self.toolpaths.passes if path.patch < 0)
 
     @cached_property
     def summary(self) -> dict[str, Any]:

@@ -163,6 +163,12 @@ class ToolpathSettings:
         low=0.0,
         high=0.3,
     )
+    prime_mm: float = option(
+        0.0,
+        "Length of a line laid beside the part first, to fill the nozzle [mm]; 0 for none.",
+        low=0.0,
+        high=500.0,
+    )
 
 
 @dataclass(frozen=True)

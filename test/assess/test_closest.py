@@ -51,3 +51,12 @@ def test_features_touch_marked_faces_at_their_shared_edges():
 def test_mesh_without_faces_is_refused():
     with pytest.raises(InvalidInput, match="without faces"):
         SurfaceDistance(CUBE, np.zeros((0, 3), int))
+
+
+def test_triangles_without_area_change_no_distance(ideal):
+    block = ideal.block()
+    flat = np.array([[0, 0, 1], [0, 1, 1], [0, 0, 0], [2, 2, 3]])
+    points = np.random.default_rng(5).uniform(-4, 4, (500, 3))
+    plain = SurfaceDistance(block.vertices, block.faces).query(points, signed=False)
+    more = SurfaceDistance(block.vertices, np.concatenate([block.faces, flat]))
+    assert more.query(points, signed=False).signed == pytest.approx(plain.signed, abs=1e-12)

@@ -176,6 +176,34 @@ def test_lead_and_lag_of_the_result_are_those_of_the_trajectory(folder, gantry_j
     np.testing.assert_allclose(job.times[change], gantry_job[0].dispensing.ravel(), atol=2e-9)
 
 
+def test_a_robot_of_ones_own_is_named_on_the_command_line(gantry, machine_urdf, tmp_path, capsys):
+    """A machine that is not one of config/robots: G-code, read back, is its trajectory."""
+    from vega_planner.cli import main
+
+    cell = gantry()
+    trajectory = make_trajectory(two_arcs(), cell, TrajectorySettings())
+    (tmp_path / "trajectory.csv").write_bytes(trajectory_csv(trajectory))
+    summary = {
+        "robot": "gantry", "material": "se1700", "T_base_part": trajectory.T_base_part.tolist()
+    }  # fmt: skip
+    (tmp_path / "summary.json").write_text(json.dumps(summary))
+    words = ["export", str(tmp_path), "--format", "gcode"]
+    assert main(words) == 2
+    assert "name its description with --robot" in capsys.readouterr().err
+    urdf = tmp_path / "own.urdf"
+    urdf.write_text(machine_urdf())
+    assert main([*words, "--robot", str(urdf)]) == 0
+    for name in ("print.gcode", "print_joints.gcode"):
+        text = (tmp_path / name).read_text()
+        back = read_gcode(text, cell.robot, trajectory.T_base_part)
+        at = np.searchsorted(back.times, trajectory.times - 1e-6)
+        np.testing.assert_allclose(back.positions[at], trajectory.positions, atol=2e-8)
+        points, _ = cell.robot.forward(back.positions[at])
+        np.testing.assert_allclose(
+            points, cell.robot.forward(trajectory.positions)[0], rtol=0, atol=2e-8
+        )
+
+
 def test_what_a_machine_cannot_take_is_refused_in_one_line(folder, arm_job, tmp_path):
     with pytest.raises(InvalidInput, match="six rotary joints"):
         export_plan(folder, "urscript")

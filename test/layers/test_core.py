@@ -10,7 +10,7 @@ from vega_planner.layers import generate_layers
 from vega_planner.layers.distance_field import DistanceField
 from vega_planner.settings import LayerSettings
 
-from .shapes import box, box_from_above
+from .shapes import Solid, base, box, box_from_above, part_of
 
 SETTINGS = LayerSettings(thickness_mm=0.8)
 
@@ -62,3 +62,17 @@ def test_without_filling_only_envelopes_are_made():
     stack = generate_layers(box_from_above(20, 15, 12.5), settings)
     assert stack.cores == ()
     assert len(stack.layers) == 16
+
+
+def test_no_layer_is_cut_inside_the_part():
+    """In a channel the walls' fronts meet where the floor's still have room."""
+    solid = Solid.cube((16, 24, 14)) - Solid.cube((18, 12, 14)).translate((-1, 6, 6))
+    stack = generate_layers(part_of(solid, base), SETTINGS)
+    for layer in stack.layers:
+        edges = np.sort(layer.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+        edges, uses = np.unique(edges, axis=0, return_counts=True)
+        assert layer.vertices[edges[uses == 1], 2].max() < 1e-6
+    material = sum((s.face_areas * s.thickness[s.faces].mean(1)).sum() for s in stack.sheets)
+    inside = stack.part.volume
+    assert material / inside < 1.03
+    assert stack.uncovered_ratio < 0.006

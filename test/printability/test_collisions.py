@@ -17,6 +17,7 @@ from vega_planner.datatypes import (
     Travel,
 )
 from vega_planner.printability.collisions import certificate, check_toolpaths, with_check
+from vega_planner.printability.leave_out import leave_out
 from vega_planner.printability.repair import resolve_collisions
 from vega_planner.progress import silent
 from vega_planner.settings import PrintabilitySettings, Settings
@@ -192,5 +193,14 @@ def test_next_to_nothing_that_cannot_be_laid_is_left_out_and_told():
     assert 0 < lost <= 0.001 * part.volume
     assert any("left out" in warning for warning in cleared.warnings)
     long = joined([*block, line([-9, 0.0, 3.0], [9, 0.0, 3.0], patch=1)])
-    kept, found = resolve_collisions(long, (), dome(), default_cell(), SETTINGS, silent)
-    assert found.colliding > 0 and len(kept.passes) == 61
+    assert leave_out(long, check(long), part) is None
+
+
+def test_what_is_too_much_to_leave_out_is_laid_in_bands_before_it_is_built_in():
+    rows = [wall(12, y) for y in (-2.4, -1.2, 0.0, 1.2, 2.4)]
+    block = [bead for level in zip(*rows) for bead in level]
+    long = joined([*block, line([-9, 0.0, 3.0], [9, 0.0, 3.0], patch=1)])
+    assert check(long).colliding > 0
+    banded, found = resolve_collisions(long, (), dome(), default_cell(), SETTINGS, silent)
+    assert found.colliding == 0 and check(banded).colliding == 0
+    assert deposited_volume(banded.passes) == pytest.approx(deposited_volume(long.passes))

@@ -69,16 +69,20 @@ def test_plans_an_inline_mesh_and_sends_what_was_asked_for(session, planner, tmp
 def test_who_comes_late_sees_layers_and_toolpath(session, planner):
     result = session.plan(goal(), silent)
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    seen: dict[str, list] = {"layers": [], "toolpath": []}
+    seen: dict[str, list] = {"layers": [], "toolpath": [], "toolpath_speed": []}
     subscriptions = [
         session.node.create_subscription(MarkerArray, name, seen[name].append, latched)
         for name in seen
     ]
-    until(lambda: seen["layers"] and seen["toolpath"])
+    until(lambda: all(seen.values()))
     names = {marker.ns for marker in seen["layers"][0].markers}
     assert seen["layers"][0].markers[0].action == 3  # delete all that was shown before
     assert {f"layer_{index:03d}" for index in range(result.layer_count)} <= names
     assert "restraint" in names
+    by_layer, by_speed = (seen[name][0].markers[1:] for name in ("toolpath", "toolpath_speed"))
+    assert [m.points for m in by_layer] == [m.points for m in by_speed]
+    for marker in by_speed:
+        assert marker.ns == "travel" or len(marker.colors) == len(marker.points)
     again = session.node.create_client(Trigger, "planner/republish")
     until(again.service_is_ready)
     assert session._call(again, Trigger.Request()).success

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from vega_planner.datatypes import Toolpath
 from vega_planner.errors import Cancelled
 from vega_planner.progress import silent
 from vega_planner.settings import ToolpathSettings
@@ -55,7 +56,36 @@ def test_every_pattern_covers_a_wavy_layer(make, pattern):
     done = _lay(make, [patch], replace(PLAIN, pattern=pattern))
     bare = uncovered_area(patch, done.passes, 0.55 * SPACING, 0.15)
     assert bare <= 0.005 * patch.area
+    gaps, lengths = pass_gaps(done.passes, SPACING)
+    assert _weighted_quantile(gaps, lengths, 0.99) <= 1.02
+    assert gaps.max() <= 1.1
     assert abs(deposited_volume(done.passes) / volume_to_fill(patch) - 1) < 0.02
+
+
+def test_parallel_lines_and_their_rim_are_one_pass_on_a_dome(make):
+    patch = make.dome(30.0, 70.0)
+    done = _lay(make, [patch], replace(PLAIN, pattern="zigzag"))
+    assert len(done.passes) == 1
+    gaps, lengths = pass_gaps(done.passes, SPACING)
+    assert _weighted_quantile(gaps, lengths, 0.99) <= 1.02
+    assert gaps.max() <= 1.1
+
+
+def test_a_gap_is_as_wide_as_what_no_pass_covers(make):
+    across = np.linspace(0.0, 20.0, 81)
+
+    def line(y, first=0, last=81):
+        points = np.column_stack([across, np.full(81, y), np.zeros(81)])[first:last]
+        count = len(points)
+        upright = np.tile([0.0, 0.0, 1.0], (count, 1))
+        return Toolpath(points, upright, np.full(count, 1.2), np.full(count, 0.8), 0, 0)
+
+    gaps, _ = pass_gaps([line(0.0), line(1.5)], 1.0)
+    np.testing.assert_allclose(gaps, 1.5)
+    # a pass between them that ends half way leaves the gap open beside its end only
+    gaps, lengths = pass_gaps([line(0.0), line(1.5), line(0.75, 0, 41)], 1.0)
+    assert gaps.max() == pytest.approx(1.5) and gaps.min() == pytest.approx(0.75, abs=0.06)
+    assert lengths[gaps > 1.0].sum() == pytest.approx(20.0, abs=1.1)
 
 
 @pytest.mark.parametrize("pattern", ["contour", "zigzag"])

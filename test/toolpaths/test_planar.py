@@ -7,7 +7,8 @@ import pytest
 from vega_planner.progress import silent
 from vega_planner.settings import ToolpathSettings
 from vega_planner.toolpaths import lay_toolpaths
-from vega_planner.toolpaths.coverage import deposited_volume
+from vega_planner.toolpaths.bead import fill_spacing
+from vega_planner.toolpaths.coverage import deposited_volume, pass_gaps, uncovered_area
 
 SQUARE = [(-10, -10), (10, -10), (10, 10), (-10, 10)]
 ELL = [(0, 0), (30, 0), (30, 7.3), (9.1, 7.3), (9.1, 25), (0, 25)]
@@ -54,3 +55,14 @@ def test_zigzag_lines_lie_in_the_wanted_direction(make, angle):
     along = length[np.abs(step @ direction) > 0.999 * length].sum()
     assert along > 0.7 * length.sum()
     assert abs(deposited_volume(done.passes) / (0.8 * patch.area) - 1) < 0.03
+
+
+def test_parallel_lines_and_their_rim_cover_a_flat_patch_of_few_triangles(make):
+    turn = np.linspace(0.0, 2 * np.pi, 120, endpoint=False)
+    patch = make.flat([20.0 * np.column_stack([np.cos(turn), np.sin(turn)])])
+    settings = ToolpathSettings(pattern="zigzag", skin_overlap_ratio=0.0)
+    done = lay_toolpaths((patch,), make.stack([patch]), make.cell(), settings)
+    spacing = fill_spacing(1.2, 0.8)
+    gaps, _ = pass_gaps(done.passes, spacing)
+    assert gaps.max() <= 1.1
+    assert uncovered_area(patch, done.passes, 0.55 * spacing, 0.15) <= 0.005 * patch.area

@@ -115,6 +115,29 @@ def test_the_dispenser_is_switched_ahead_of_each_bead(job, vega5):
     np.testing.assert_allclose(trajectory.dispensing[:, 1], ends - material.lag_s)
 
 
+def test_the_tip_waits_where_the_material_asks_for_it(vega5):
+    toolpaths = JOBS["lines"]()
+    plain = make_trajectory(toolpaths, vega5, SETTINGS)
+    slow = replace(vega5.material, start_dwell_s=0.4, end_dwell_s=0.25)
+    cell = replace(vega5, material=slow)
+    waiting = make_trajectory(toolpaths, cell, SETTINGS)
+    count = len(toolpaths.passes)
+    assert waiting.duration_s == pytest.approx(plain.duration_s + count * 0.65)
+    for k in range(count):
+        rows = np.flatnonzero(waiting.path_id == k)
+        first, last = int(rows[0]), int(rows[-1])
+        for a, b, wait in ((first - 1, first, 0.4), (last, last + 1, 0.25)):
+            assert waiting.times[b] - waiting.times[a] == pytest.approx(wait)
+            np.testing.assert_array_equal(waiting.positions[a], waiting.positions[b])
+            np.testing.assert_array_equal(waiting.velocities[[a, b]], 0.0)
+        # pressure is on while it waits at the start, and off while it waits at the end
+        on, off = waiting.dispensing[k]
+        assert on == pytest.approx(waiting.times[first] - 0.4 - slow.lead_s)
+        assert off == pytest.approx(waiting.times[last] - slow.lag_s)
+        assert not waiting.extrude[[first - 1, first, last + 1]].any()
+    assert limit_excess(waiting, cell.robot) <= 0.0
+
+
 def test_the_same_job_gives_the_same_bytes(vega5):
     toolpaths = JOBS["lines"]()
     first, again = (make_trajectory(toolpaths, vega5, SETTINGS) for _ in range(2))

@@ -11,12 +11,16 @@ import pytest
 import trimesh
 
 from vega_planner.errors import BadRobot
+from vega_planner.viewer.colours import speed_colours
 from vega_planner.viewer.glb import lines_glb, shaded_glb, triangles_glb
+from vega_planner.viewer.legend import legend
 from vega_planner.viewer.level_of_detail import clustered, kept_rows
 from vega_planner.viewer.path_view import cut_into_pieces
 from vega_planner.viewer.result_folder import faces_in_common, read_result
 from vega_planner.viewer.robot_model import quaternion_wxyz, read_robot_model
+from vega_planner.viewer.section import Cut, clipped
 from vega_planner.viewer.timeline import row_times
+from vega_planner.viewer.tip_speed import tip_speeds
 
 BALL = trimesh.creation.icosphere(4, 10.0)
 
@@ -183,3 +187,64 @@ def test_faces_in_common_are_those_that_were_cut_out():
     used, flat = np.unique(BALL.faces[chosen], return_inverse=True)
     found = faces_in_common(BALL.vertices, BALL.faces, BALL.vertices[used], flat.reshape(-1, 3))
     assert (found == chosen).all()
+
+
+def test_the_speed_of_the_tip_is_told_along_each_pass():
+    """A pass at 5 mm/s that halves its speed after 6 of its 10 mm; travel has none."""
+    way = np.concatenate([np.linspace(0, 6, 61), np.linspace(6, 10, 81)[1:]])
+    tips = np.column_stack([way, np.zeros((len(way), 2))])
+    tips = np.concatenate([tips, [[10, 20, 0]], tips + np.array([0, 20, 0])])
+    times = np.concatenate([np.arange(len(way)) * 0.02, [3.0], 4 + np.arange(len(way)) * 0.04])
+    sample_path = np.concatenate([np.zeros(len(way)), [-1], np.ones(len(way))]).astype(int)
+    row = np.column_stack([np.linspace(0, 10, 21), np.zeros((21, 2))])
+    points = np.concatenate([row, [[10, 20, 0]], row + np.array([0, 20, 0])])
+    path_id = np.repeat([0, -1, 1, 2], [21, 1, 19, 2])
+    speeds = tip_speeds(points, path_id, tips, times, sample_path)
+    assert speeds[:12] == pytest.approx(5.0)
+    assert speeds[14:21] == pytest.approx(2.5)
+    assert speeds[21] == 0.0
+    assert speeds[22] == pytest.approx(2.5)
+    assert (speeds[-2:] == 0.0).all()
+
+
+def test_slow_points_are_redder_than_fast_ones():
+    shades = speed_colours(np.array([0.0, 5.0, 5.0, 99.0]), np.array([True, True, True, False]))
+    assert shades[0, 0] > shades[1, 0]
+    assert shades[0, 2] < shades[1, 2]
+    assert (shades[1] == shades[2]).all()
+
+
+@pytest.mark.parametrize("keep_low", [True, False])
+def test_a_cut_is_exact(keep_low):
+    """Half of a ball off its middle: area of the zone, and nothing beyond the plane."""
+    cut = Cut(axis=0, at_mm=2.5, keep_low=keep_low)
+    vertices, faces = clipped(BALL.vertices, BALL.faces, cut)
+    used = vertices[np.unique(faces)]
+    assert cut.beyond(used).max() <= 1e-12
+    left = trimesh.Trimesh(vertices, faces, process=False)
+    # Archimedes: the zone's area is proportional to its height.
+    share = (10 + 2.5) / 20 if keep_low else (10 - 2.5) / 20
+    assert left.area == pytest.approx(share * BALL.area, rel=1e-3)
+    outward = np.einsum("ij,ij->i", left.face_normals, left.triangles_center)
+    assert (outward[left.area_faces > 1e-9] > 0).all()
+
+
+def test_an_open_border_stays_where_it_is_when_a_mesh_is_coarsened():
+    half = BALL.slice_plane([0, 0, 0], [0, 0, 1])
+    half.merge_vertices()
+    vertices, faces = clustered(np.asarray(half.vertices), np.asarray(half.faces), 300)
+    coarse = trimesh.Trimesh(vertices, faces, process=False)
+    lowest = vertices[vertices[:, 2] < 0.2]
+    assert len(lowest) > 20
+    assert np.abs(lowest[:, 2]).max() < 1e-9
+    assert np.linalg.norm(lowest[:, :2], axis=1).min() > 9.5
+    assert coarse.area == pytest.approx(half.area, rel=0.1)
+
+
+def test_the_legend_names_the_reasons_that_are_there():
+    shown = legend((np.array([0, 2, 2]), np.array([3, 0])), by_speed=False)
+    assert "wrist limit: the wrist cannot turn that far" in shown
+    assert "own layer" in shown
+    assert "out of travel" not in shown
+    assert "full speed" not in shown
+    assert "full speed" in legend((), by_speed=True)

@@ -101,8 +101,8 @@ def section_width(area: Floats, height: Floats) -> Floats:
 
 
 def beads_of(toolpaths: ToolpathSet) -> BeadRows:
-    """Lay out the passes of a toolpath as rows of beads."""
-    passes = toolpaths.passes
+    """Lay out the passes of a toolpath as rows of beads; a prime line is left out."""
+    passes = [path for path in toolpaths.passes if path.patch >= 0]
     if not passes:
         none, nowhere = np.zeros(0), np.zeros((0, 3))
         return BeadRows(none.astype(np.int64), nowhere, nowhere, none, none, none.astype(bool))
@@ -132,7 +132,8 @@ def read_beads(path: str | Path) -> BeadRows:
         axes=np.column_stack([columns[f"tool_{axis}"] for axis in "xyz"]),
         width=columns["width_mm"],
         height=columns["height_mm"],
-        extrude=columns["extrude"] > 0.5,
+        # a prime line belongs to no patch and is not part of the print
+        extrude=(columns["extrude"] > 0.5) & (columns["patch"] >= 0),
     )
     if not beads.joined.any():
         raise InvalidInput(f"{path} holds no bead")

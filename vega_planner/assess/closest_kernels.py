@@ -101,18 +101,20 @@ def closest_on_triangle(corners, face, x, y, z, foot):
         v, w, feature = 0.0, 0.0, 4
     elif d3 >= 0 and d4 <= d3:
         v, w, feature = 1.0, 0.0, 5
-    elif vc <= 0 and d1 >= 0 and d3 <= 0:
+    elif vc <= 0 and d1 >= 0 and d3 <= 0 and d1 > d3:
         v, w, feature = d1 / (d1 - d3), 0.0, 1
     elif d6 >= 0 and d5 <= d6:
         v, w, feature = 0.0, 1.0, 6
-    elif vb <= 0 and d2 >= 0 and d6 <= 0:
+    elif vb <= 0 and d2 >= 0 and d6 <= 0 and d2 > d6:
         v, w, feature = 0.0, d2 / (d2 - d6), 3
-    elif va <= 0 and d4 - d3 >= 0 and d5 - d6 >= 0:
+    elif va <= 0 and d4 - d3 >= 0 and d5 - d6 >= 0 and d4 - d3 + d5 - d6 > 0:
         w = (d4 - d3) / ((d4 - d3) + (d5 - d6))
         v, feature = 1.0 - w, 2
-    else:
+    elif va + vb + vc > 0:
         total = va + vb + vc
         v, w, feature = vb / total, vc / total, 0
+    else:  # no area: the triangles beside it have all that is closer
+        v, w, feature = 0.0, 0.0, 4
     foot[0] = ax + v * abx + w * acx
     foot[1] = ay + v * aby + w * acy
     foot[2] = az + v * abz + w * acz

@@ -208,14 +208,18 @@ def _fidelity(
 
 def _solid_difference(scan: Scan, target: Part, surface: SurfaceDistance) -> tuple[float, float]:
     """Under- and overshoot between two closed meshes [mm³], on a grid."""
+    from vega_planner.assess.sample_kernels import SAMPLES
     from vega_planner.assess.volume_kernels import compare_fields
 
     low = np.minimum(scan.vertices.min(0), target.bounds[0])
     high = np.maximum(scan.vertices.max(0), target.bounds[1])
-    voxel = float(max((high - low).max() / 300, np.cbrt(np.prod(high - low) / (0.1 * MOST_NODES))))
+    voxel = float(max((high - low).max() / 200, np.cbrt(np.prod(high - low) / (0.1 * MOST_NODES))))
     grid = Grid.around(low, high, voxel, 3 * voxel)
     printed = mesh_field(SurfaceDistance(scan.vertices, scan.faces), grid)
-    _, parts, _ = compare_fields(printed, mesh_field(surface, grid), 0, grid.shape[0] - 1)
+    nowhere, nothing = np.zeros(0, np.int64), np.zeros((0, SAMPLES), np.int16)
+    _, parts, _ = compare_fields(
+        printed, mesh_field(surface, grid), 0, grid.shape[0] - 1, nowhere, nothing
+    )
     under, over = parts.sum(0) * voxel**3
     return float(under), float(over)
 

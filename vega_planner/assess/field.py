@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vega_planner.assess import bead_kernels as kernels
-from vega_planner.assess import volume_kernels
+from vega_planner.assess import sample_kernels, volume_kernels
 from vega_planner.assess.beads import BeadRows
 from vega_planner.assess.closest import SurfaceDistance
 from vega_planner.datatypes import Floats
@@ -94,7 +94,7 @@ def bead_field(beads: BeadRows, grid: Grid, band_mm: float = 0.0) -> Field:
     Returns:
         Distances in steps of `grid.value_mm`, shape `grid.shape`.
     """
-    segments = _segments(beads, _THIN_RATIO * grid.voxel_mm)
+    segments = bead_segments(beads, grid)
     starts, ends, up0, up1, section = segments
     band = max(BAND_VOXELS * grid.voxel_mm, band_mm)
     reach = 0.5 * (section.max(1) if len(section) else np.zeros(0)) + band
@@ -149,6 +149,43 @@ def mesh_field(surface: SurfaceDistance, grid: Grid) -> Field:
     return field
 
 
+def surface_samples(
+    segments: tuple[NDArray, ...], printed: Field, grid: Grid, slab: slice, plate_z_mm: float
+) -> tuple[NDArray[np.int64], NDArray[np.int16]]:
+    """Measure the exact distance to the beads in the cells of a slab on the seen surface.
+
+    Between nodes the bottom of a groove is sharp and the top of a bead round: no
+    interpolation of the nodes' values tells how much of such a cell is filled.
+
+    Args:
+        segments: What `bead_segments` returns.
+        printed: Field of the print, its voids filled.
+        grid: Its grid.
+        slab: Planes of cells to look at.
+        plate_z_mm: Height of the plate, on which nothing is seen.
+
+    Returns:
+        Index of the cells' first nodes, ascending, (n,), and the distances at the samples
+        inside them and at their corners in steps of `grid.value_mm`, (n, samples).
+    """
+    floor = max(int(np.ceil((plate_z_mm - grid.origin[2]) / grid.voxel_mm)), 0)
+    cells = sample_kernels.surface_cells(printed, slab.start, slab.stop, floor)
+    samples = np.full((len(cells), sample_kernels.SAMPLES), kernels.LIMIT, np.int16)
+    starts, ends, _, _, section = segments
+    reach = 0.5 * (section.max(1) if len(section) else np.zeros(0)) + grid.voxel_mm
+    bottom = grid.origin[2] + slab.start * grid.voxel_mm
+    top = grid.origin[2] + slab.stop * grid.voxel_mm
+    chosen = np.flatnonzero(
+        (np.maximum(starts[:, 2], ends[:, 2]) + reach >= bottom)
+        & (np.minimum(starts[:, 2], ends[:, 2]) - reach <= top)
+    )
+    shape = np.array(grid.shape, np.int64)
+    sample_kernels.sample_beads(
+        cells, shape, grid.origin, grid.voxel_mm, chosen, *segments, samples
+    )
+    return cells, samples
+
+
 def cut_below(field: Field, grid: Grid, plate_z_mm: float) -> None:
     """Remove what lies below a plate, in place.
 
@@ -175,8 +212,18 @@ def cut_below(field: Field, grid: Grid, plate_z_mm: float) -> None:
             np.maximum(plane, value, out=plane)
 
 
-def _segments(beads: BeadRows, tolerance: float) -> tuple[NDArray, ...]:
-    """Lay out the beads as straight segments, with section directions square to them."""
+def bead_segments(beads: BeadRows, grid: Grid) -> tuple[NDArray, ...]:
+    """Lay out the beads as straight segments, with section directions square to them.
+
+    Args:
+        beads: What was deposited.
+        grid: Its resolution says how closely the beads are followed.
+
+    Returns:
+        Start points, end points, height directions at both, each (s, 3); width and height
+        at the start and at the end, (s, 4); all float32.
+    """
+    tolerance = _THIN_RATIO * grid.voxel_mm
     joined = beads.joined
     keep = np.zeros(len(beads.points), np.bool_)
     kernels.thin_rows(beads.points, beads.axes, beads.width, beads.height, joined, tolerance, keep)

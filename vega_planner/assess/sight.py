@@ -57,7 +57,7 @@ def fill_voids(field: Field, grid: Grid, plate_z_mm: float) -> Voids:
     parents = kernels.join_runs(rows, runs, above.shape[0], above.shape[1])
     kernels.mark_outside(rows, runs, parents, seen)
     kernels.spread(above, seen, min(int(np.ceil(DEPTH_MM / grid.voxel_mm)), 250))
-    rows, runs = kernels.find_runs(above, 1, seen, True)
+    rows, runs = kernels.find_runs(above, 0, seen, True)
     parents = kernels.join_runs(rows, runs, above.shape[0], above.shape[1])
     volumes = kernels.fill_unseen(above, rows, runs, parents, float(STEPS)) * grid.voxel_mm**3
     volumes = volumes[volumes > _LEAST_VOID_MM3]

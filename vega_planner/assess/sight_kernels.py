@@ -185,6 +185,7 @@ def fill_unseen(field, rows, runs, parents, steps_per_voxel):
         for run in range(rows[row], rows[row + 1]):
             for ix in range(runs[run, 0], runs[run, 1] + 1):
                 value = field[iz, iy, ix]
-                volumes[parents[run]] += min(0.5 + value / steps_per_voxel, 1.0)
+                if value > 0:  # a node on a surface, by rounding, is no void
+                    volumes[parents[run]] += min(0.5 + value / steps_per_voxel, 1.0)
                 field[iz, iy, ix] = -max(value, 1)
     return volumes

@@ -22,7 +22,15 @@ from vega_planner.assess.fidelity import (
     sample_surface,
     surface_figures,
 )
-from vega_planner.assess.field import Field, Grid, bead_field, cut_below, mesh_field
+from vega_planner.assess.field import (
+    Field,
+    Grid,
+    bead_field,
+    bead_segments,
+    cut_below,
+    mesh_field,
+    surface_samples,
+)
 from vega_planner.assess.isosurface import extract_surface
 from vega_planner.assess.scanner import IDEAL, Scanner, scanned
 from vega_planner.assess.sight import PROBE_MM, Voids, fill_voids
@@ -120,19 +128,17 @@ def simulate(
     report(Progress(STAGE, 0.02))
     printed = bead_field(beads, grid, PROBE_MM + voxel_mm)
     report(Progress(STAGE, 0.3))
-    below = None if substrate is None else _field_of(substrate, grid)
-    if below is not None:
-        np.minimum(printed, below, out=printed)
+    if substrate is not None:
+        # taken off it before it is scanned: the gap between the two is no void
+        np.maximum(printed, -_field_of(substrate, grid), out=printed)
     voids = fill_voids(printed, grid, plate_z_mm)
-    if below is not None:
-        np.maximum(printed, -below, out=printed)
     cut_below(printed, grid, plate_z_mm)
     report(Progress(STAGE, 0.45))
     vertices, faces = extract_surface(printed, grid)
     report(Progress(STAGE, 0.6))
     wanted = mesh_field(surface, grid)
     report(Progress(STAGE, 0.7))
-    volumes = _compare(printed, wanted, grid, surface, target.restrained)
+    volumes = _compare(beads, printed, wanted, grid, surface, target.restrained, plate_z_mm)
     del printed, wanted
     report(Progress(STAGE, 0.85))
     vertices, faces = scanned(vertices, faces, scanner, seed)
@@ -182,17 +188,28 @@ class _Volumes:
 
 
 def _compare(
-    printed: Field, wanted: Field, grid: Grid, surface: SurfaceDistance, restrained: Bools
+    beads: BeadRows,
+    printed: Field,
+    wanted: Field,
+    grid: Grid,
+    surface: SurfaceDistance,
+    restrained: Bools,
+    plate_z_mm: float,
 ) -> _Volumes:
     """Measure by volume where print and target differ."""
     voxel = grid.voxel_mm**3
     last = grid.shape[0] - 1
-    results = map_threads(
-        lambda slab: volume_kernels.compare_fields(
-            printed, wanted, slab.start, min(slab.stop, last)
-        ),
-        grid.slabs(),
-    )
+    segments = bead_segments(beads, grid)
+
+    def compare(slab: slice) -> tuple[Ints, Floats, Floats]:
+        planes = slice(slab.start, min(slab.stop, last))
+        cells, samples = surface_samples(segments, printed, grid, planes, plate_z_mm)
+        differing, parts, volumes = volume_kernels.compare_fields(
+            printed, wanted, planes.start, planes.stop, cells, samples
+        )
+        return differing, parts, volumes
+
+    results = map_threads(compare, grid.slabs())
     cells = np.concatenate([cells for cells, _, _ in results])
     parts = np.concatenate([parts for _, parts, _ in results]) * voxel
     everywhere = parts.sum(0)

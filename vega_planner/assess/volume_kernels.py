@@ -9,16 +9,17 @@ from numba import njit
 
 from vega_planner.assess.bead_kernels import LIMIT, STEPS
 from vega_planner.assess.closest_kernels import closest
+from vega_planner.assess.sample_kernels import SUB
 
-#: Samples along each side of a cell that a surface passes.
-_SUB = 4
+#: Steps by which a field may differ from an exact distance by rounding.
+_ROUNDING = 2
 #: Edge lengths [nodes] of the blocks that are asked as a whole, largest first.
 _BLOCKS = (16, 4, 2, 1)
 
 
 def _sample_weights() -> np.ndarray:
-    """Trilinear weights of a cell's corners at its samples, shape (_SUB³, 8)."""
-    at = (np.arange(_SUB) + 0.5) / _SUB
+    """Trilinear weights of a cell's corners at its samples, shape (SUB³, 8)."""
+    at = (np.arange(SUB) + 0.5) / SUB
     z, y, x = (axis.ravel()[:, None] for axis in np.meshgrid(at, at, at, indexing="ij"))
     corner = np.arange(8)
     return (
@@ -139,17 +140,30 @@ def _corner_values(field, z, y, x, values):
 
 
 @njit(nogil=True, cache=True)
-def compare_fields(printed, target, first_z, last_z):
+def _is_exact(corners, samples):
+    """Tell whether the beads alone make a cell: nothing in it was filled or cut."""
+    for k in range(8):
+        exact = samples[SUB**3 + k]
+        if (corners[k] < 0 and exact > _ROUNDING) or (corners[k] > 0 and exact < -_ROUNDING):
+            return False
+    return True
+
+
+@njit(nogil=True, cache=True)
+def compare_fields(printed, target, first_z, last_z, looked_at, samples):
     """Measure by volume where two solids differ, cell by cell.
 
-    A cell that both surfaces miss counts whole. Others are sampled: each field is
-    interpolated, and turned into the share of the sample's volume that is inside.
+    A cell that both surfaces miss counts whole. Others are sampled: the fields are
+    turned into the share of the sample's volume that is inside. Where the cell was
+    looked at closely, its samples are used; else the fields are interpolated.
 
     Args:
         printed: Signed field of the print, shape (z, y, x).
         target: Signed field of the target, same shape.
         first_z: First plane of cells to compare.
         last_z: Plane of cells after the last.
+        looked_at: Cells whose samples are known, ascending, shape (n,).
+        samples: Distances to the print there, see `sample_kernels.sample_beads`.
 
     Returns:
         Cells that differ, as index of their first node, (n,); their under- and
@@ -157,18 +171,23 @@ def compare_fields(printed, target, first_z, last_z):
     """
     _, count_y, count_x = printed.shape
     a, b = np.empty(8), np.empty(8)
-    step = STEPS / _SUB
-    weight = 1.0 / _SUB**3
+    step = STEPS / SUB
+    weight = 1.0 / SUB**3
     cells, parts = np.empty(1024, np.int64), np.empty((1024, 2))
     volumes = np.zeros(2)
-    count = 0
+    count, known = 0, 0
     for z in range(first_z, last_z):
         for y in range(count_y - 1):
             for x in range(count_x - 1):
+                at = (z * count_y + y) * count_x + x
+                while known < len(looked_at) and looked_at[known] < at:
+                    known += 1
                 inside_p, outside_p = _corner_values(printed, z, y, x, a)
                 inside_t, outside_t = _corner_values(target, z, y, x, b)
                 under, over = 0.0, 0.0
-                if (inside_p or outside_p) and (inside_t or outside_t):
+                exact = known < len(looked_at) and looked_at[known] == at
+                exact = exact and _is_exact(a, samples[known])
+                if not exact and (inside_p or outside_p) and (inside_t or outside_t):
                     if inside_p:
                         volumes[0] += 1.0
                     if inside_t:
@@ -177,12 +196,15 @@ def compare_fields(printed, target, first_z, last_z):
                         continue
                     under, over = (1.0, 0.0) if inside_t else (0.0, 1.0)
                 else:
-                    for s in range(_SUB**3):
+                    for s in range(SUB**3):
                         p, t = 0.0, 0.0
                         for k in range(8):
                             p += _WEIGHTS[s, k] * a[k]
                             t += _WEIGHTS[s, k] * b[k]
-                        p = 0.0 if outside_p else _coverage(p, inside_p, step)
+                        if exact:
+                            p = _coverage(float(samples[known, s]), False, step)
+                        else:
+                            p = 0.0 if outside_p else _coverage(p, inside_p, step)
                         t = 0.0 if outside_t else _coverage(t, inside_t, step)
                         volumes[0] += p * weight
                         volumes[1] += t * weight
@@ -197,7 +219,7 @@ def compare_fields(printed, target, first_z, last_z):
                     )
                     more_cells[:count], more_parts[:count] = cells, parts
                     cells, parts = more_cells, more_parts
-                cells[count] = (z * count_y + y) * count_x + x
+                cells[count] = at
                 parts[count, 0], parts[count, 1] = under, over
                 count += 1
     return cells[:count].copy(), parts[:count].copy(), volumes

@@ -161,7 +161,7 @@ def export(options: argparse.Namespace) -> int:
     """Write a plan for a machine's controller."""
     from vega_planner.export import export_plan
 
-    print(export_plan(options.folder, options.format, options.output))
+    print(export_plan(options.folder, options.format, options.output, options.robot))
     return 0
 
 

@@ -169,4 +169,10 @@ def _add_export(commands: Any) -> None:
     command = commands.add_parser("export", help=text, description=text)
     command.add_argument("folder", metavar="OUT", help="result folder")
     command.add_argument("--format", choices=("gcode", "urscript", "csv"), required=True)
+    command.add_argument(
+        "--robot",
+        metavar="URDF",
+        default=None,
+        help="the robot the result was planned for, where it is not one of config/robots",
+    )
     command.add_argument("-o", "--output", metavar="FILE", default=None)

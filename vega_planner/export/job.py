@@ -180,7 +180,8 @@ def _switching(times: Floats, path_id: Ints, material: str) -> Floats:
     starts = np.array([times[rows[0]] for rows in passes])
     ends = np.array([times[rows[-1]] for rows in passes])
     try:
-        return switching_times(starts, ends, load_material(material))
+        known = load_material(material)
+        return switching_times(starts - known.start_dwell_s, ends, known)
     except VegaError:
         return np.column_stack([starts, ends])
 

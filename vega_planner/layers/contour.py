@@ -86,7 +86,7 @@ def contour_levels(
     else:
         none = np.zeros(0, np.int32)
         brr_set = (
-            np.zeros((0, 13)), np.zeros((0, 3), np.int32), np.zeros(1, np.int64), none,
+            np.zeros((0, 16)), np.zeros((0, 3), np.int32), np.zeros(1, np.int64), none,
             np.zeros((1, 6)),
         )  # fmt: skip
     base = np.zeros(len(state) + 1, np.int64)
@@ -153,29 +153,21 @@ def _quads(grid, sources, leave, r0, t, counts, members, corner_step, slabs, bas
 
 def _by_level(position, vertex_level, vertex_slot, is_rim, inward, faces, r0, t):
     """Sort vertices and faces into one sheet per level."""
-    a, b, c = position[faces[:, 0]], position[faces[:, 1]], position[faces[:, 2]]
-    apart = (a != b).any(1) & (b != c).any(1) & (c != a).any(1)
-    if not apart.all():
-        faces = faces[apart]
-    used = np.zeros(len(position), bool)
-    used[faces] = True
-    mine = np.flatnonzero(used)
-    mine = mine[np.argsort(vertex_level[mine], kind="stable")]
-    levels = int(vertex_level[mine[-1]]) + 1 if len(mine) else 0
-    ends = np.searchsorted(vertex_level[mine], np.arange(levels + 1))
-    number = np.zeros(len(position), np.int64)
-    number[mine] = np.arange(len(mine))
-    face_level = vertex_level[faces[:, 0]]
-    order = np.argsort(face_level, kind="stable")
-    face_ends = np.searchsorted(face_level[order], np.arange(levels + 1))
-    faces = number[faces[order]]
+    levels = int(vertex_level.max(initial=-1)) + 1
+    used = np.zeros(len(position), np.uint8)
+    ends, face_ends = np.zeros(levels + 1, np.int64), np.zeros(levels + 1, np.int64)
+    kernels.count_by_level(position, vertex_level, faces, used, ends, face_ends)
+    mine = np.zeros(ends[-1], np.int64)
+    sorted_faces = np.zeros((face_ends[-1], 3), np.int64)
+    kernels.sort_by_level(vertex_level, faces, used, ends, face_ends, mine, sorted_faces)
+    levels = int(np.searchsorted(ends, ends[-1]))
 
     def sheet(k: int) -> Sheet:
         rows = mine[ends[k] : ends[k + 1]]
         return Sheet(
             r0 + k * t,
             position[rows],
-            faces[face_ends[k] : face_ends[k + 1]] - ends[k],
+            sorted_faces[face_ends[k] : face_ends[k + 1]],
             vertex_slot[rows].astype(np.int64),
             is_rim[rows] > 0,
             inward[rows],

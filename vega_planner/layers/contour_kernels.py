@@ -19,6 +19,9 @@ from vega_planner.layers.grid_kernels import INSIDE
 from vega_planner.layers.triangle_kernels import (
     closest,
     first_hit,
+    foot,
+    heaviest,
+    measure,
     nearest,
     nearest_or_walk,
     walk,
@@ -81,8 +84,8 @@ def root_along(tri, sa, sb, px, py, pz, axis, length, da, db, r):
         x = px + u * length if axis == 0 else px
         y = py + u * length if axis == 1 else py
         z = pz + u * length if axis == 2 else pz
-        ea, _, _, _ = closest(tri, sa, x, y, z)
-        eb, _, _, _ = closest(tri, sb, x, y, z)
+        ea, _, _ = measure(tri, sa, x, y, z)
+        eb, _, _ = measure(tri, sb, x, y, z)
         s = sa if ea <= eb else sb
         e = np.sqrt(min(ea, eb)) - r
         if abs(e) < 1e-6:
@@ -164,38 +167,41 @@ def walk_sheet(tri, corner, ring_start, ring, s, x, y, z, gx, gy, gz):
     Next to a sharp edge of the part the other side may be nearer; a step there would
     leave the sheet, and the crease between the two would be lost.
     """
-    least, qx, qy, qz = closest(tri, s, x, y, z)
+    least, u, v = measure(tri, s, x, y, z)
+    done = -1
     while True:
-        here = s
-        for c in range(3):
-            v = corner[here, c]
-            for j in range(ring_start[v], ring_start[v + 1]):
-                n = ring[j]
-                if n == here:
-                    continue
-                off = (
-                    tri[n, 9] * (x - tri[n, 0])
-                    + tri[n, 10] * (y - tri[n, 1])
-                    + tri[n, 11] * (z - tri[n, 2])
-                )
-                if off * off >= least:
-                    continue
-                d2, a, b, e = closest(tri, n, x, y, z)
-                if d2 < least * (1.0 - 1e-12):
-                    along = gx * (x - a) + gy * (y - b) + gz * (z - e)
-                    if along > 0.0 and along * along > 0.75 * d2:
-                        least = d2
-                        s = n
-                        qx, qy, qz = a, b, e
-        if s == here:
-            return s, least, qx, qy, qz
+        vertex = corner[s, heaviest(u, v)]
+        if vertex == done:
+            break
+        done = vertex
+        for j in range(ring_start[vertex], ring_start[vertex + 1]):
+            n = ring[j]
+            if n == s:
+                continue
+            off = (
+                tri[n, 9] * (x - tri[n, 0])
+                + tri[n, 10] * (y - tri[n, 1])
+                + tri[n, 11] * (z - tri[n, 2])
+            )
+            if off * off >= least:
+                continue
+            d2, a, b = measure(tri, n, x, y, z)
+            if d2 < least * (1.0 - 1e-12):
+                qx, qy, qz = foot(tri, n, a, b, x, y, z)
+                along = gx * (x - qx) + gy * (y - qy) + gz * (z - qz)
+                if along > 0.0 and along * along > 0.75 * d2:
+                    least = d2
+                    s = n
+                    u, v = a, b
+    qx, qy, qz = foot(tri, s, u, v, x, y, z)
+    return s, least, qx, qy, qz
 
 
 @njit(nogil=True, cache=True)
 def walk_wall(tri, corner, ring_start, ring, s, x, y, z):
     """Walk to the local minimum over triangles with about the normal of the first."""
     gx, gy, gz = tri[s, 9], tri[s, 10], tri[s, 11]
-    least, _, _, _ = closest(tri, s, x, y, z)
+    least, _, _ = measure(tri, s, x, y, z)
     while True:
         here = s
         for c in range(3):
@@ -204,7 +210,7 @@ def walk_wall(tri, corner, ring_start, ring, s, x, y, z):
                 n = ring[j]
                 if gx * tri[n, 9] + gy * tri[n, 10] + gz * tri[n, 11] < SAME_SHEET:
                     continue
-                d2, _, _, _ = closest(tri, n, x, y, z)
+                d2, _, _ = measure(tri, n, x, y, z)
                 if d2 < least * (1.0 - 1e-12):
                     least = d2
                     s = n
@@ -364,25 +370,87 @@ def place(
 
 
 @njit(nogil=True, cache=True)
-def settle(tri, corner, ring_start, ring, box, brr_tri, brr_box, h, r, hint, rim, v, stack, lower):
-    """Check a vertex against the exact distance, and put a rim vertex on the region."""
-    if rim:
-        q, _ = nearest(brr_tri, brr_box, v[0], v[1], v[2], -1, h * h, stack, lower)
-        if q >= 0:
-            _, fx, fy, fz = closest(brr_tri, q, v[0], v[1], v[2])
-            v[0], v[1], v[2] = fx, fy, fz
+def nearest_about(tri, corner, ring_start, ring, slot, origin, h, corner_step, x, y, z, hint):
+    """Find the nearest triangle to a point by walking from those of the nodes around it.
+
+    Returns:
+        Slot and squared distance, and the nearest point.
+    """
+    best, least, fx, fy, fz = walk(tri, corner, ring_start, ring, hint, x, y, z)
+    cell = 0
+    for axis in range(3):
+        w = x if axis == 0 else (y if axis == 1 else z)
+        cell += int((w - origin[axis]) / h) * corner_step[1 << axis]
+    if cell < 0 or cell + corner_step[7] >= len(slot):
+        return best, least, fx, fy, fz
+    for c in range(8):
+        s = slot[cell + corner_step[c]]
+        if s < 0 or s in (hint, best):
+            continue
+        again = False
+        for e in range(c):
+            if slot[cell + corner_step[e]] == s:
+                again = True
+        if again:
+            continue
+        s, d2, qx, qy, qz = walk(tri, corner, ring_start, ring, s, x, y, z)
+        if d2 < least:
+            best, least = s, d2
+            fx, fy, fz = qx, qy, qz
+    return best, least, fx, fy, fz
+
+
+@njit(nogil=True, cache=True)
+def settle_about(tri, corner, ring_start, ring, r, slot, origin, h, corner_step, hint, v):
+    """Put a vertex at its depth from the nearest of all sheets about it."""
     s = hint
     for _ in range(3):
-        s, _ = nearest_or_walk(
-            tri, corner, ring_start, ring, box, v[0], v[1], v[2], s, stack, lower
+        s, d2, fx, fy, fz = nearest_about(
+            tri, corner, ring_start, ring, slot, origin, h, corner_step, v[0], v[1], v[2], s
         )
-        d2, fx, fy, fz = closest(tri, s, v[0], v[1], v[2])
         e = np.sqrt(d2)
-        if rim or abs(e - r) < 2e-3 or e < 1e-9:
+        if abs(e - r) < 2e-3 or e < 1e-9:
             break
         v[0] = fx + (v[0] - fx) * r / e
         v[1] = fy + (v[1] - fy) * r / e
         v[2] = fz + (v[2] - fz) * r / e
+    return s
+
+
+@njit(nogil=True, cache=True)
+def settle_rim(
+    tri, corner, ring_start, ring, box, brr_tri, brr_box, h, r, hint, v, stack, lower
+):  # fmt: skip
+    """Slide a rim vertex along the region until it is at its depth."""
+    s = hint
+    x, y, z = v[0], v[1], v[2]
+    least = 1e300
+    bound = h * h
+    for _ in range(8):
+        q, _ = nearest(brr_tri, brr_box, x, y, z, -1, bound, stack, lower)
+        if q < 0:
+            break
+        _, x, y, z = closest(brr_tri, q, x, y, z)
+        if least > 1e299:
+            s, _ = nearest_or_walk(tri, corner, ring_start, ring, box, x, y, z, s, stack, lower)
+        k, d2, fx, fy, fz = walk(tri, corner, ring_start, ring, s, x, y, z)
+        e = np.sqrt(d2)
+        if abs(e - r) < least:
+            least = abs(e - r)
+            s = k
+            v[0], v[1], v[2] = x, y, z
+        if abs(e - r) < 2e-3:
+            break
+        # Newton's step on the plane of the region, damped where that runs along the level.
+        gx, gy, gz = -tri[k, 9], -tri[k, 10], -tri[k, 11]
+        if e > 1e-9:
+            gx, gy, gz = (x - fx) / e, (y - fy) / e, (z - fz) / e
+        nx, ny, nz = brr_tri[q, 9], brr_tri[q, 10], brr_tri[q, 11]
+        along = gx * nx + gy * ny + gz * nz
+        gx, gy, gz = gx - along * nx, gy - along * ny, gz - along * nz
+        f = (r - e) / (gx * gx + gy * gy + gz * gz + 1e-2)
+        x, y, z = x + f * gx, y + f * gy, z + f * gz
+        bound = max(0.25 * h * h, 4.0 * (r - e) * (r - e))
     return s
 
 
@@ -529,17 +597,7 @@ def make_vertices(
                         v[2] /= total
                         hint = sheets[0]
                         if beyond == 0 and kinds == 1:
-                            for _ in range(4):
-                                hint, d2, fx, fy, fz = walk(
-                                    tri, corner, ring_start, ring, hint, v[0], v[1], v[2]
-                                )
-                                e2 = np.sqrt(d2)
-                                if abs(e2 - r) < 1e-4 or e2 < 1e-9:
-                                    break
-                                v[0] = fx + (v[0] - fx) * r / e2
-                                v[1] = fy + (v[1] - fy) * r / e2
-                                v[2] = fz + (v[2] - fz) * r / e2
-                            # Where another sheet is about, make sure that it is not nearer.
+                            # Least cosine between the sheet and any other in the cell.
                             least = 1.0
                             for c in range(8):
                                 m = n + corner_step[c]
@@ -550,10 +608,31 @@ def make_vertices(
                                         + gradient[m, 1] * normals[0, 1]
                                         + gradient[m, 2] * normals[0, 2],
                                     )
+                            if least > 0.9:
+                                c = 1 if v[0] > origin[0] + h * (i + 0.5) else 0
+                                c += 2 if v[1] > origin[1] + h * (j + 0.5) else 0
+                                c += 4 if v[2] > origin[2] + h * (k + 0.5) else 0
+                                if slot[n + corner_step[c]] >= 0:
+                                    hint = slot[n + corner_step[c]]
+                            for _ in range(4):
+                                hint, d2, fx, fy, fz = walk(
+                                    tri, corner, ring_start, ring, hint, v[0], v[1], v[2]
+                                )
+                                e2 = np.sqrt(d2)
+                                if e2 < 1e-9:
+                                    break
+                                v[0] = fx + (v[0] - fx) * r / e2
+                                v[1] = fy + (v[1] - fy) * r / e2
+                                v[2] = fz + (v[2] - fz) * r / e2
+                                # Towards the foot it stays the foot; away from it another
+                                # triangle may become nearer, by as much as it is turned.
+                                if (r - e2) * (1.0 - least) < 5e-5:
+                                    break
+                            # Where another sheet is about, make sure that it is not nearer.
                             if least < 0.9:
-                                hint = settle(
-                                    tri, corner, ring_start, ring, box, brr_tri, brr_box,
-                                    h, r, hint, False, v, stack, lower,
+                                hint = settle_about(
+                                    tri, corner, ring_start, ring, r, slot, origin, h, corner_step,
+                                    hint, v,
                                 )  # fmt: skip
                         else:
                             wall_count = 0
@@ -579,10 +658,16 @@ def make_vertices(
                                 brr_tri, brr_corner, brr_start, brr_ring, brr_box,
                                 sheets, normals, limits, kinds, walls, wall_count, h, r, v, stack, lower,
                             )  # fmt: skip
-                            hint = settle(
-                                tri, corner, ring_start, ring, box, brr_tri, brr_box,
-                                h, r, hint, beyond > 0, v, stack, lower,
-                            )  # fmt: skip
+                            if beyond > 0:
+                                hint = settle_rim(
+                                    tri, corner, ring_start, ring, box, brr_tri, brr_box, h, r,
+                                    hint, v, stack, lower,
+                                )  # fmt: skip
+                            else:
+                                hint = settle_about(
+                                    tri, corner, ring_start, ring, r, slot, origin, h, corner_step,
+                                    hint, v,
+                                )  # fmt: skip
                         position[vertex, 0] = v[0]
                         position[vertex, 1] = v[1]
                         position[vertex, 2] = v[2]
@@ -736,3 +821,53 @@ def split_quads(
         else:
             faces[2 * q] = (a, b, e)
             faces[2 * q + 1] = (b, c, e)
+
+
+@njit(nogil=True, cache=True)
+def count_by_level(position, vertex_level, faces, used, vertex_start, face_start):
+    """Count the vertices and faces of each level, and leave out faces without an area.
+
+    A face with two corners at one place gets -1 as its first corner; `used` marks the
+    vertices of the others. The starts become running sums, level + 1 ending at start.
+    """
+    for f in range(len(faces)):
+        same = False
+        for e in range(3):
+            a, b = faces[f, e], faces[f, (e + 1) % 3]
+            same |= (
+                position[a, 0] == position[b, 0]
+                and position[a, 1] == position[b, 1]
+                and position[a, 2] == position[b, 2]
+            )
+        if same:
+            faces[f, 0] = -1
+            continue
+        for e in range(3):
+            used[faces[f, e]] = 1
+        face_start[vertex_level[faces[f, 0]] + 1] += 1
+    for v in range(len(used)):
+        if used[v]:
+            vertex_start[vertex_level[v] + 1] += 1
+    for lev in range(len(face_start) - 1):
+        face_start[lev + 1] += face_start[lev]
+        vertex_start[lev + 1] += vertex_start[lev]
+
+
+@njit(nogil=True, cache=True)
+def sort_by_level(vertex_level, faces, used, vertex_start, face_start, rows, sorted_faces):
+    """List the vertices level by level, and the faces with their numbers in that level."""
+    fill = vertex_start.copy()
+    number = np.zeros(len(used), np.int32)
+    for v in range(len(used)):
+        if used[v]:
+            lev = vertex_level[v]
+            rows[fill[lev]] = v
+            number[v] = fill[lev] - vertex_start[lev]
+            fill[lev] += 1
+    fill = face_start.copy()
+    for f in range(len(faces)):
+        if faces[f, 0] >= 0:
+            lev = vertex_level[faces[f, 0]]
+            for e in range(3):
+                sorted_faces[fill[lev], e] = number[faces[f, e]]
+            fill[lev] += 1

@@ -27,6 +27,7 @@ from vega_planner.layers.contour import Sheet
 from vega_planner.layers.distance_field import DistanceField
 from vega_planner.layers.grid import Grid
 from vega_planner.layers.subdivide import split_long_edges
+from vega_planner.layers.summits import low_pieces
 from vega_planner.parallel import map_threads
 
 #: Pieces of a level set up to this width, in t, count as slivers that a grid may lose.
@@ -41,8 +42,15 @@ MIDDLE_RATIO = 0.64
 #: A connected piece of a sheet moves whole where this share of it has no room of t.
 MOVING_SHARE = 0.3
 
+#: Share of the volume that pieces may leave open or lay twice that stay only because a
+#: deeper level does.
+STAYING_RATIO = 0.006
+
 #: A connected piece of which this share is a sliver is made anew.
 SLIVER_SHARE = 0.8
+
+#: Pieces below this area, in t², are asked how far they rise over their level.
+SMALL_RATIO = 2.7
 
 #: Sheets of the core end this far from the surface, in their depth: between the corners
 #: their round ends leave open and what bulges out.
@@ -90,6 +98,11 @@ class Core:
     thickness: tuple[Floats, ...]
     kept: tuple[Bools, ...]
 
+    @property
+    def begins_early(self) -> bool:
+        """Whether levels have become sheets of the core because one before them moved."""
+        return any(not kept.any() and len(kept) for kept in self.kept[:-1])
+
     @classmethod
     def nothing(cls, sheets: list[Sheet], t: float) -> Core:
         """Leave the sheets as they are."""
@@ -104,6 +117,7 @@ def fill_core(
     brr: DistanceField | None,
     sheets: list[Sheet],
     t: float,
+    staying_ratio: float = STAYING_RATIO,
 ) -> Core:
     """Make the sheets that fill what the envelope layers leave over.
 
@@ -114,6 +128,8 @@ def fill_core(
         brr: Distances to the restraint region, or None.
         sheets: The envelope sheets, at depths (N + 1/2) t.
         t: Layer thickness [mm].
+        staying_ratio: Share of the volume that pieces may leave open or lay twice that
+            stay only because a deeper level does.
 
     Returns:
         The sheets of the core, and what changes of the envelope sheets.
@@ -133,25 +149,23 @@ def fill_core(
     walls, (gap, _) = fronts[0], gaps[0]
     spread = _spread(walls)
     _add(cores, field, walls, gap < MIDDLE_RATIO * t, spread, 0.0, True, t)
+    budget = staying_ratio * part.volume
+    leaving = _leaving(fronts[1:], gaps[1:], t, sliver, budget, moving, grid.spacing, field, brr)
     for k, (front, (gap, opposed)) in enumerate(zip(fronts[1:], gaps[1:])):
+        moved, slivers = leaving[k]
+        kept[k] &= ~moved & ~slivers
         own = gap < t / 2
         if not own.any():
             continue
         spread = _spread(front)
-        if moving:
-            moved, slivers = _leaving(front, gap, own, t, sliver)
-            if (moved | slivers).all() and k + 1 < len(sheets):
-                # A deeper layer follows: what has its full room stays, so that no layer
-                # of the stack is empty.
-                moved &= own
-            kept[k] &= ~moved & ~slivers
-            last[k] = _add(cores, field, front, moved, spread, k * t, False, t)
-            own &= kept[k]
+        last[k] = _add(cores, field, front, moved, spread, k * t, False, t)
+        own &= kept[k]
         wide = own & opposed & (gap >= t / 4)
         _add(cores, field, front, wide, spread, (k + 1) * t, True, t)
         narrow = np.unique(front.faces[own & ~wide])
-        free = np.where(np.isfinite(spread), spread - k * t, t)
-        thickness[k][narrow] = np.clip(free[narrow], t / 2, 1.25 * t)
+        free = np.where(np.isfinite(spread), spread - k * t, t)[narrow]
+        # Rather a little too much than a gap.
+        thickness[k][narrow] = np.clip(free + 0.3 * np.abs(t - free), t / 2, 1.5 * t)
     for front, (gap, _) in zip(fronts, gaps):
         k = front.level + 1
         following = (gap >= t / 2) & (gap < t / 2 + sliver)
@@ -170,32 +184,121 @@ def fill_core(
                     gone = DistanceField(vertices, faces).distances(ahead[rows]) > t / 2
                     following[rows] = gone
         _add(cores, field, front, following, _spread(front), k * t, False, t)
+    _join_core(cores, sheets, thickness, kept)
     return Core(tuple(cores), tuple(thickness), tuple(kept))
 
 
+def _join_core(
+    cores: list[Layer], sheets: list[Sheet], thickness: list[Floats], kept: list[Bools]
+) -> None:
+    """Let the core begin where a whole level has moved into it: what is deeper follows."""
+    begun = False
+    for k, sheet in enumerate(sheets):
+        begun = begun or not kept[k].any()
+        if not begun or not kept[k].any():
+            continue
+        used, numbers = np.unique(sheet.faces[kept[k]], return_inverse=True)
+        cores.append(
+            Layer(
+                index=len(cores),
+                kind="core",
+                depth_mm=sheet.depth,
+                vertices=sheet.vertices[used],
+                faces=numbers.reshape(-1, 3),
+                thickness=thickness[k][used],
+            )
+        )
+        kept[k][:] = False
+
+
 def _leaving(
-    front: Front, gap: Floats, own: Bools, t: float, sliver: float
-) -> tuple[Bools, Bools]:
-    """Choose the connected pieces of a sheet that leave it, whole.
+    fronts: list[Front],
+    gaps: list[tuple[Floats, Bools]],
+    t: float,
+    sliver: float,
+    budget: float,
+    moving: bool,
+    h: float,
+    field: DistanceField,
+    brr: DistanceField | None,
+) -> list[tuple[Bools, Bools]]:
+    """Choose the connected pieces of sheets that leave them. No piece is ever cut.
+
+    Where all pieces of a level would leave though a deeper one stays, the one that does
+    the least harm stays too, as long as all such harm keeps within a budget.
+
+    Args:
+        fronts: The sheets with their rooms.
+        gaps: Gap behind each of their faces.
+        t: Layer thickness [mm].
+        sliver: Half the width of a sliver [mm].
+        budget: Volume left open or laid twice [mm³].
+        moving: Whether pieces move; slivers leave in any case, since a grid may lose them.
+        h: Grid spacing [mm].
+        field: Distances to S.
+        brr: Distances to the restraint region, or None.
 
     Returns:
-        Faces of pieces that move to the middle of their room, and faces of slivers,
-        which are made anew from the layer before.
+        For each sheet the faces of pieces that move to the middle of their room, and
+        faces of slivers, which are made anew from the layer before.
     """
+    pieces: list[Ints] = []
+    moves: list[Bools] = []
+    slivers: list[Bools] = []
+    lasting: list[tuple[float, int, int]] = []
+    deeper = False
+    for k in reversed(range(len(fronts))):
+        front, (gap, _) = fronts[k], gaps[k]
+        own = gap < t / 2
+        piece = connected_pieces(len(front.vertices), front.faces)
+        areas = _areas(front)
+        total = np.bincount(piece, areas)
+        count = len(total)
+        leaves = np.bincount(piece, areas * own, count) > MOVING_SHARE * total
+        thin = own & (gap + t < t / 2 + sliver)
+        narrow = leaves & (np.bincount(piece, areas * thin, count) > SLIVER_SHARE * total)
+        small = np.flatnonzero((total < SMALL_RATIO * t * t) & ~narrow)
+        if len(small):
+            starts = np.column_stack(
+                [np.bincount(piece, areas * x, count) for x in _middles(front).T]
+            )[small] / np.maximum(total[small, None], 1e-12)
+            low = low_pieces(starts, (k + 0.5) * t + sliver, h, field, brr)
+            narrow[small[low]] = True
+        leaves = narrow | (leaves & moving)
+        candidates = np.flatnonzero(leaves & ~narrow)
+        if deeper and leaves.all() and len(candidates):
+            harm = np.bincount(piece, areas * np.where(own, np.abs(gap), 0.0) / 2, count)
+            least = candidates[np.argmin(harm[candidates])]
+            lasting.append((float(harm[least]), k, int(least)))
+        deeper = deeper or not leaves.all()
+        pieces.insert(0, piece)
+        moves.insert(0, leaves & ~narrow)
+        slivers.insert(0, narrow)
+    for harm_done, k, number in sorted(lasting):
+        budget -= harm_done
+        if budget < 0:
+            break
+        moves[k][number] = False
+    return [(move[piece], thin[piece]) for move, thin, piece in zip(moves, slivers, pieces)]
+
+
+def connected_pieces(count: int, faces: Ints) -> Ints:
+    """Number the connected pieces of a mesh: the piece of each face, shape (m,)."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
 
-    count = len(front.vertices)
-    first, second = front.faces[:, [0, 1]].ravel(), front.faces[:, [1, 2]].ravel()
+    first, second = faces[:, [0, 1]].ravel(), faces[:, [1, 2]].ravel()
     links = coo_matrix((np.ones(len(first)), (first, second)), shape=(count, count))
-    piece = connected_components(links, directed=False)[1][front.faces[:, 0]]
+    return np.asarray(connected_components(links, directed=False)[1][faces[:, 0]], np.int64)
+
+
+def _middles(front: Front) -> Floats:
+    return np.asarray(front.vertices[front.faces].mean(1))
+
+
+def _areas(front: Front) -> Floats:
     a, b, c = (front.vertices[front.faces[:, n]] for n in range(3))
-    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
-    total = np.bincount(piece, areas)
-    leaving = np.bincount(piece, areas * own, len(total)) > MOVING_SHARE * total
-    thin = own & (gap + t < t / 2 + sliver)
-    narrow = np.bincount(piece, areas * thin, len(total)) > SLIVER_SHARE * total
-    return (leaving & ~narrow)[piece], (leaving & narrow)[piece]
+    return np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
 
 
 def sheet_front(
@@ -319,7 +422,7 @@ def _measure(
     count = len(feet)
     room, kind = np.full(count, np.inf), np.zeros(count, np.int64)
     feet, inward = np.ascontiguousarray(feet), np.ascontiguousarray(inward, np.float64)
-    brr_tri = brr.tri if brr else np.zeros((0, 13))
+    brr_tri = brr.tri if brr else np.zeros((0, 16))
     brr_box = brr.box if brr else np.zeros((1, 6))
     for first in range(0, count, _CHUNK):
         kernels.measure_room(
@@ -351,9 +454,7 @@ def _amount(fronts: list[Front], gaps: list[tuple[Floats, Bools]], t: float) -> 
             continue
         filled = opposed & (gap >= t / 4)
         off = np.where((gap < t / 2) & ~filled, np.abs(gap) / 2, 0.0)
-        a, b, c = (front.vertices[front.faces[:, n]] for n in range(3))
-        areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
-        total += float((areas * off).sum())
+        total += float((_areas(front) * off).sum())
     return total
 
 
@@ -453,14 +554,8 @@ def one_side(points: Floats, faces: Ints, inward: Floats, reach: float) -> Ints:
     Returns:
         The faces that stay.
     """
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
     face_inward = inward[faces].mean(1)
-    first, second = faces[:, [0, 1]].ravel(), faces[:, [1, 2]].ravel()
-    shape = (len(points), len(points))
-    links = coo_matrix((np.ones(len(first)), (first, second)), shape=shape)
-    piece = connected_components(links, directed=False)[1][faces[:, 0]]
+    piece = connected_pieces(len(points), faces)
     for label in np.unique(piece):
         mine = face_inward[piece == label]
         axis = np.linalg.eigh(mine.T @ mine)[1][:, 2]

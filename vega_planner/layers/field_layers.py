@@ -10,12 +10,14 @@ import numpy as np
 from vega_planner.datatypes import Bools, Floats, Ints, Layer, LayerStack, Part
 from vega_planner.errors import BadRestraint, NoLayers
 from vega_planner.layers.contour import Sheet, contour_levels
-from vega_planner.layers.core import Core, fill_core
+from vega_planner.layers.core import SLIVER_RATIO, Core, fill_core
 from vega_planner.layers.coverage import coverage_ratios
 from vega_planner.layers.distance_field import DistanceField
+from vega_planner.layers.folds import folded_ears
 from vega_planner.layers.geodesic import Sources, bend_distances, is_convex_at_region
 from vega_planner.layers.grid import finish, sample_part
 from vega_planner.layers.refine import refine_sheet
+from vega_planner.layers.summits import with_summits
 from vega_planner.parallel import map_threads
 from vega_planner.progress import Report
 from vega_planner.settings import LayerSettings
@@ -28,7 +30,7 @@ MOST_VERTICES = 3e6
 MOST_NODES = 12e6
 
 #: Open share of the volume above which sharp edges are thickened.
-FILLED_RATIO = 0.004
+FILLED_RATIO = 0.0042
 
 #: Open share of the volume above which a person is told.
 OPEN_RATIO = 0.01
@@ -37,8 +39,17 @@ OPEN_RATIO = 0.01
 #: edge: about 60 degrees between the sides.
 CREASE_FLATNESS = 0.87
 
-#: Thickening of sharp edges.
-CREASE_FACTOR = 1.12
+#: How much worse an open volume is than as much laid twice.
+OPEN_WEIGHT = 4.0
+
+#: Levels stay as they are unless the core that begins early is better by this factor.
+EARLY_GAIN = 1.3
+
+#: Thickenings of sharp edges, tried one after the other.
+CREASE_FACTORS = (1.12, 1.2, 1.3)
+
+#: Overfill above which sharp edges are not thickened further.
+FULL_RATIO = 0.0195
 
 
 def grid_spacing(part: Part, t: float) -> float:
@@ -93,32 +104,35 @@ def field_layers(part: Part, settings: LayerSettings, report: Report) -> LayerSt
             )
     finish(grid, sources.tri, brr, t / 2, t)
     sheets = contour_levels(grid, sources, brr, t / 2, t)
+    if len(sources.box):
+        sheets = with_summits(grid, field, brr, sheets, t, SLIVER_RATIO * t / 2)
     sheets = map_threads(lambda sheet: refine_sheet(sheet, sources, brr), sheets)
     core = Core.nothing(sheets, t)
     if settings.fill_core:
         core = fill_core(part, grid, field, brr, sheets, t)
-    layers = []
-    for k, sheet in enumerate(sheets):
-        vertices, faces, thickness = kept_faces(sheet, core.kept[k], core.thickness[k])
-        layers.append(
-            Layer(
-                index=k,
-                kind="envelope",
-                depth_mm=sheet.depth,
-                vertices=vertices,
-                faces=faces,
-                thickness=thickness,
-            )
-        )
-    while layers and len(layers[-1].faces) == 0:
-        layers.pop()
+    layers = envelopes(sheets, core)
     if not layers and not core.cores:
         raise NoLayers(f"no layer of t = {t:g} mm fits into part '{part.name}'")
     sheets_made = (*layers, *core.cores)
-    uncovered, overfill = coverage_ratios(grid, sheets_made, t, part.volume)
-    if settings.fill_core and uncovered > FILLED_RATIO:
-        sheets_made = tuple(thicker_creases(layer) for layer in sheets_made)
-        uncovered, overfill = coverage_ratios(grid, sheets_made, t, part.volume)
+    uncovered, overfill = coverage_ratios(part, grid, sheets_made, t)
+    if core.begins_early:
+        # Keeping all levels as they are costs less than it gains where walls vary.
+        kept = fill_core(part, grid, field, brr, sheets, t, staying_ratio=1.0)
+        all_layers = envelopes(sheets, kept)
+        everything = (*all_layers, *kept.cores)
+        open_then, over_then = coverage_ratios(part, grid, everything, t)
+        if OPEN_WEIGHT * open_then + over_then < EARLY_GAIN * (OPEN_WEIGHT * uncovered + overfill):
+            layers, sheets_made = all_layers, everything
+            uncovered, overfill = open_then, over_then
+    plain = sheets_made
+    for factor in CREASE_FACTORS:
+        if not settings.fill_core or uncovered < FILLED_RATIO:
+            break
+        thicker = tuple(thicker_creases(layer, factor) for layer in plain)
+        then = coverage_ratios(part, grid, thicker, t)
+        if factor > CREASE_FACTORS[0] and then[1] > FULL_RATIO:
+            break
+        sheets_made, (uncovered, overfill) = thicker, then
     if uncovered > OPEN_RATIO:
         warnings += (f"{uncovered:.1%} of the volume is covered by no layer",)
     return LayerStack(
@@ -133,11 +147,36 @@ def field_layers(part: Part, settings: LayerSettings, report: Report) -> LayerSt
     )
 
 
-def thicker_creases(layer: Layer) -> Layer:
+def envelopes(sheets: list[Sheet], core: Core) -> list[Layer]:
+    """Make layers of what stays of the level sets, as far as one is left."""
+    layers = []
+    for k, sheet in enumerate(sheets):
+        kept = core.kept[k] & ~folded_ears(sheet.vertices, sheet.faces)
+        vertices, faces, thickness = kept_faces(sheet, kept, core.thickness[k])
+        layers.append(
+            Layer(
+                index=k,
+                kind="envelope",
+                depth_mm=sheet.depth,
+                vertices=vertices,
+                faces=faces,
+                thickness=thickness,
+            )
+        )
+    while layers and len(layers[-1].faces) == 0:
+        layers.pop()
+    return layers
+
+
+def thicker_creases(layer: Layer, factor: float) -> Layer:
     """Thicken a sheet along its sharp edges, so that beads reach into their corners.
 
     The outer corner between two bands is square, a bead's side is round. An eighth more
     thickness on the edge halves what stays open.
+
+    Args:
+        layer: The sheet.
+        factor: Thickening on the edges.
     """
     if len(layer.faces) == 0:
         return layer
@@ -148,8 +187,8 @@ def thicker_creases(layer: Layer) -> Layer:
         np.add.at(spread, layer.faces[:, corner], normals)
         np.add.at(count, layer.faces[:, corner], 1.0)
     flatness = np.linalg.norm(spread, axis=1) / count
-    factor = np.where(flatness < CREASE_FLATNESS, CREASE_FACTOR, 1.0)
-    return replace(layer, thickness=layer.thickness * factor)
+    sharp = flatness < CREASE_FLATNESS
+    return replace(layer, thickness=layer.thickness * np.where(sharp, factor, 1.0))
 
 
 def kept_faces(sheet: Sheet, kept: Bools, thickness: Floats) -> tuple[Floats, Ints, Floats]:

@@ -173,7 +173,7 @@ def finish(grid: Grid, tri: Floats, brr: DistanceField | None, r0: float, t: flo
         t: Distance between levels [mm].
     """
     nx, ny, nz = grid.shape
-    brr_tri = brr.tri if brr else np.zeros((0, 13))
+    brr_tri = brr.tri if brr else np.zeros((0, 16))
     brr_box = brr.box if brr else np.zeros((1, 6))
     map_threads(
         lambda s: kernels.finish_nodes(

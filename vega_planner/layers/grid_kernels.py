@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from vega_planner.layers.triangle_kernels import closest, nearest, walk
+from vega_planner.layers.triangle_kernels import closest, measure, nearest, walk
 
 #: States of a node.
 NONE, RING, INSIDE = 0, 1, 2
@@ -216,7 +216,7 @@ def sweep(
                             )
                             if abs(off) >= reach:
                                 continue
-                            d2, _, _, _ = closest(tri, s, x, y, z)
+                            d2, _, _ = measure(tri, s, x, y, z)
                             r = np.sqrt(d2)
                             if r < reach * (1.0 - 1e-7):
                                 reach = r
@@ -231,7 +231,7 @@ def sweep(
                     for b in range(-1, 2):
                         for c in range(-1, 2):
                             m = n + (a * ny + b) * nz + c
-                            if state[m] != NONE and fixed[m] == 0 and m != n:
+                            if slot[m] != best and state[m] != NONE and fixed[m] == 0:
                                 fresh[m] = 1
     return changed
 

@@ -18,6 +18,12 @@ TOLERANCE_MM = 0.012
 #: Times an edge is halved at most.
 ROUNDS = 3
 
+#: Faces are divided at last while their centre is farther than this from the level set [mm].
+CENTRE_MM = 0.18
+
+#: Times a face is divided at its centre at most.
+CENTRE_ROUNDS = 2
+
 
 def refine_sheet(sheet: Sheet, sources: Sources, brr: DistanceField | None) -> Sheet:
     """Halve the edges of a sheet whose middles are off the level set.
@@ -31,7 +37,7 @@ def refine_sheet(sheet: Sheet, sources: Sources, brr: DistanceField | None) -> S
         The refined sheet, its old vertices first.
     """
     tri, rings = sources.tri, sources.rings
-    brr_tri = brr.tri if brr else np.zeros((0, 13))
+    brr_tri = brr.tri if brr else np.zeros((0, 16))
     brr_box = brr.box if brr else np.zeros((1, 6))
     active: Ints = np.arange(len(sheet.faces))
     for _ in range(ROUNDS):
@@ -80,4 +86,35 @@ def refine_sheet(sheet: Sheet, sources: Sources, brr: DistanceField | None) -> S
             np.concatenate([sheet.inward, inward]),
         )
         active = np.arange(old, len(sheet.faces))
+    for _ in range(CENTRE_ROUNDS):
+        before = len(sheet.faces)
+        sheet = _with_centres(sheet, sources)
+        if len(sheet.faces) == before:
+            break
     return sheet
+
+
+def _with_centres(sheet: Sheet, sources: Sources) -> Sheet:
+    """Divide faces across a crease whose centre is still far off into three."""
+    count = len(sheet.faces)
+    chosen = np.zeros(count, np.uint8)
+    centres, inward = np.zeros((count, 3)), np.zeros((count, 3))
+    slots = np.zeros(count, np.int64)
+    kernels.place_centres(
+        sources.tri, *sources.rings, sources.box, sheet.vertices, sheet.inward, sheet.slots,
+        np.ascontiguousarray(sheet.faces), sheet.depth, CENTRE_MM, chosen, centres, inward, slots,
+    )  # fmt: skip
+    rows = np.flatnonzero(chosen)
+    if len(rows) == 0:
+        return sheet
+    a, b, c = sheet.faces[rows].T
+    p = len(sheet.vertices) + np.arange(len(rows))
+    thirds = [np.column_stack(corners) for corners in ((a, b, p), (b, c, p), (c, a, p))]
+    return Sheet(
+        sheet.depth,
+        np.concatenate([sheet.vertices, centres[rows]]),
+        np.concatenate([sheet.faces[chosen == 0], *thirds]),
+        np.concatenate([sheet.slots, slots[rows]]),
+        np.concatenate([sheet.rim, np.zeros(len(rows), bool)]),
+        np.concatenate([sheet.inward, inward[rows]]),
+    )

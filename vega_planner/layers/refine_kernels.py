@@ -7,7 +7,11 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from vega_planner.layers.triangle_kernels import closest, nearest, walk
+from vega_planner.layers.contour_kernels import settle_rim, walk_sheet
+from vega_planner.layers.triangle_kernels import closest, nearest, nearest_or_walk, walk
+
+#: Edges between the sides of a sliver may be so far off the level set [mm].
+WIDE_MM = 0.1
 
 
 @njit(nogil=True, cache=True)
@@ -51,19 +55,56 @@ def flag_edges(
                     flagged[f, c] = 1
                     total += 1
                 continue
-            if turn < -0.2:
-                # The edge joins two sides of a sliver that ends here; halving it would
-                # only make more such edges.
-                continue
+            # An edge that joins the two sides of a sliver is halved only where the sliver
+            # is wide; halving it may only make more such edges.
+            allowed = tolerance if turn > -0.2 else max(tolerance, WIDE_MM)
             x = 0.5 * (vertices[a, 0] + vertices[b, 0])
             y = 0.5 * (vertices[a, 1] + vertices[b, 1])
             z = 0.5 * (vertices[a, 2] + vertices[b, 2])
             _, d2, _, _, _ = walk(tri, corner, ring_start, ring, slots[a], x, y, z)
             _, e2, _, _, _ = walk(tri, corner, ring_start, ring, slots[b], x, y, z)
-            if abs(np.sqrt(min(d2, e2)) - r) > tolerance:
+            if abs(np.sqrt(min(d2, e2)) - r) > allowed:
                 flagged[f, c] = 1
                 total += 1
     return total
+
+
+@njit(nogil=True, cache=True)
+def meet_sheets(tri, corner, ring_start, ring, sa, sb, ga, gb, r, v):
+    """Move v to the crease where the level sets of two sheets meet, if that is near.
+
+    Returns:
+        A triangle of the nearer sheet, -1 where the crease is too far or there is none.
+    """
+    x, y, z = v[0], v[1], v[2]
+    reach = 0.0
+    ax, ay, az = ga[0], ga[1], ga[2]
+    bx, by, bz = gb[0], gb[1], gb[2]
+    for step in range(10):
+        sa, d2, fx, fy, fz = walk_sheet(tri, corner, ring_start, ring, sa, x, y, z, ax, ay, az)
+        ea = max(np.sqrt(d2), 1e-9)
+        ax, ay, az = (x - fx) / ea, (y - fy) / ea, (z - fz) / ea
+        sb, d2, fx, fy, fz = walk_sheet(tri, corner, ring_start, ring, sb, x, y, z, bx, by, bz)
+        eb = max(np.sqrt(d2), 1e-9)
+        bx, by, bz = (x - fx) / eb, (y - fy) / eb, (z - fz) / eb
+        if step == 0:
+            reach = 4.0 * max(abs(ea - r), abs(eb - r)) + 0.05
+        if abs(ea - r) < 1e-3 and abs(eb - r) < 1e-3:
+            v[0], v[1], v[2] = x, y, z
+            return sa if ea <= eb else sb
+        # The shortest step onto both tangent planes.
+        c = ax * bx + ay * by + az * bz
+        det = 1.0 - c * c
+        if det < 1e-2:
+            return -1
+        p = ((r - ea) - c * (r - eb)) / det
+        q = ((r - eb) - c * (r - ea)) / det
+        x += p * ax + q * bx
+        y += p * ay + q * by
+        z += p * az + q * bz
+        if (x - v[0]) ** 2 + (y - v[1]) ** 2 + (z - v[2]) ** 2 > reach * reach:
+            return -1
+    return -1
 
 
 @njit(nogil=True, cache=True)
@@ -88,6 +129,7 @@ def place_middles(
     """Put the middles of edges onto the level set, and those of the rim onto the region."""
     stack = np.zeros(64, np.int64)
     lower = np.zeros(64)
+    v = np.zeros(3)
     for i in range(len(ends)):
         a, b = ends[i, 0], ends[i, 1]
         x = 0.5 * (vertices[a, 0] + vertices[b, 0])
@@ -101,24 +143,54 @@ def place_middles(
         turn = 0.0
         for k in range(3):
             turn += inward[a, k] * inward[b, k]
-        for _ in range(6):
+        on_crease = False
+        if turn < 0.8:
+            v[0], v[1], v[2] = x, y, z
+            q = meet_sheets(
+                tri, corner, ring_start, ring, slots[a], slots[b], inward[a], inward[b], r, v
+            )
+            if q >= 0:
+                if len(box) > 0:
+                    bound = max(r - 2e-3, 0.0)
+                    nearer, _ = nearest(
+                        tri, box, v[0], v[1], v[2], -1, bound * bound, stack, lower
+                    )
+                else:
+                    nearer = -1
+                if nearer < 0:
+                    on_crease = True
+                    s = q
+                    x, y, z = v[0], v[1], v[2]
+        checked = False
+        for _ in range(0 if on_crease else 6):
             s, d2, fx, fy, fz = walk(tri, corner, ring_start, ring, s, x, y, z)
-            if turn < 0.9 and len(box) > 0:
+            e = max(np.sqrt(d2), 1e-9)
+            if abs(e - r) < 0.05 and turn < 0.9 and len(box) > 0 and not checked:
                 # Across a crease another sheet may be nearer than walking tells.
-                bound = max(np.sqrt(d2) - 0.01, 0.0)
+                checked = True
+                bound = max(e - 0.01, 0.0)
                 q, _ = nearest(tri, box, x, y, z, -1, bound * bound, stack, lower)
                 if q >= 0:
+                    checked = False
                     s = q
                     d2, fx, fy, fz = closest(tri, s, x, y, z)
-            e = max(np.sqrt(d2), 1e-9)
+                    e = max(np.sqrt(d2), 1e-9)
             if abs(e - r) < 1e-4:
                 break
             x = fx + (x - fx) * r / e
             y = fy + (y - fy) * r / e
             z = fz + (z - fz) * r / e
-            if on_rim[i]:
-                q, _ = nearest(brr_tri, brr_box, x, y, z, -1, 1e300, stack, lower)
-                _, x, y, z = closest(brr_tri, q, x, y, z)
+        if on_rim[i]:
+            v[0], v[1], v[2] = x, y, z
+            length = 0.0
+            for k in range(3):
+                length += (vertices[a, k] - vertices[b, k]) ** 2
+            length = np.sqrt(length)
+            s = settle_rim(
+                tri, corner, ring_start, ring, box, brr_tri, brr_box, max(length, 0.05), r, s,
+                v, stack, lower,
+            )  # fmt: skip
+            x, y, z = v[0], v[1], v[2]
         d2, fx, fy, fz = closest(tri, s, x, y, z)
         e = max(np.sqrt(d2), 1e-9)
         middles[i, 0], middles[i, 1], middles[i, 2] = x, y, z
@@ -126,3 +198,67 @@ def place_middles(
         middle_inward[i, 1] = (y - fy) / e
         middle_inward[i, 2] = (z - fz) / e
         middle_slots[i] = s
+
+
+@njit(nogil=True, cache=True)
+def place_centres(
+    tri,
+    corner,
+    ring_start,
+    ring,
+    box,
+    vertices,
+    inward,
+    slots,
+    faces,
+    r,
+    limit,
+    chosen,
+    centres,
+    centre_inward,
+    centre_slots,
+):
+    """Choose the faces across a crease with centres far off, and put those onto the level."""
+    stack = np.zeros(64, np.int64)
+    lower = np.zeros(64)
+    for f in range(len(faces)):
+        turn = 1.0
+        for c in range(3):
+            a, b = faces[f, c], faces[f, (c + 1) % 3]
+            along = 0.0
+            for k in range(3):
+                along += inward[a, k] * inward[b, k]
+            turn = min(turn, along)
+        if turn > 0.9:
+            continue
+        x, y, z = 0.0, 0.0, 0.0
+        for c in range(3):
+            x += vertices[faces[f, c], 0] / 3.0
+            y += vertices[faces[f, c], 1] / 3.0
+            z += vertices[faces[f, c], 2] / 3.0
+        s = slots[faces[f, 0]]
+        least = 1e300
+        for c in range(3):
+            q, d2, _, _, _ = walk(tri, corner, ring_start, ring, slots[faces[f, c]], x, y, z)
+            if d2 < least:
+                least = d2
+                s = q
+        if abs(np.sqrt(least) - r) <= limit:
+            continue
+        for step in range(6):
+            s, _ = nearest_or_walk(tri, corner, ring_start, ring, box, x, y, z, s, stack, lower)
+            d2, fx, fy, fz = closest(tri, s, x, y, z)
+            e = max(np.sqrt(d2), 1e-9)
+            if abs(e - r) <= (limit if step == 0 else 1e-3):
+                break
+            chosen[f] = 1
+            x = fx + (x - fx) * r / e
+            y = fy + (y - fy) * r / e
+            z = fz + (z - fz) * r / e
+        d2, fx, fy, fz = closest(tri, s, x, y, z)
+        e = max(np.sqrt(d2), 1e-9)
+        centres[f, 0], centres[f, 1], centres[f, 2] = x, y, z
+        centre_inward[f, 0] = (x - fx) / e
+        centre_inward[f, 1] = (y - fy) / e
+        centre_inward[f, 2] = (z - fz) / e
+        centre_slots[f] = s

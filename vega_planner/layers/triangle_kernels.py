@@ -19,59 +19,63 @@ LEAF = 4
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def closest(tri, s, x, y, z):
-    """Find the point of triangle s nearest to (x, y, z).
+def measure(tri, s, x, y, z):
+    """Measure the squared distance from (x, y, z) to triangle s.
 
     The seven cases are those of Ericson, Real-Time Collision Detection, 5.1.5.
 
     Returns:
-        Squared distance, and the point's coordinates.
+        Squared distance, and where its nearest point is: a + u ab + v ac.
     """
-    ax, ay, az = tri[s, 0], tri[s, 1], tri[s, 2]
+    px, py, pz = x - tri[s, 0], y - tri[s, 1], z - tri[s, 2]
     bx, by, bz = tri[s, 3], tri[s, 4], tri[s, 5]
     cx, cy, cz = tri[s, 6], tri[s, 7], tri[s, 8]
-    px, py, pz = x - ax, y - ay, z - az
+    bb, bc, cc = tri[s, 13], tri[s, 14], tri[s, 15]
     d1 = bx * px + by * py + bz * pz
     d2 = cx * px + cy * py + cz * pz
     u = 0.0
     v = 0.0
     if d1 > 0.0 or d2 > 0.0:
-        px, py, pz = px - bx, py - by, pz - bz
-        d3 = bx * px + by * py + bz * pz
-        d4 = cx * px + cy * py + cz * pz
-        if d3 >= 0.0 and d4 <= d3:
+        d3, d4 = d1 - bb, d2 - bc
+        d5, d6 = d1 - bc, d2 - cc
+        vb = d5 * d2 - d1 * d6
+        vc = d1 * d4 - d3 * d2
+        va = d3 * d6 - d5 * d4
+        if va > 0.0 and vb > 0.0 and vc > 0.0:
+            total = 1.0 / (va + vb + vc)
+            u = vb * total
+            v = vc * total
+        elif d3 >= 0.0 and d4 <= d3:
             u = 1.0
+        elif vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
+            u = d1 / bb
+        elif d6 >= 0.0 and d5 <= d6:
+            v = 1.0
+        elif vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
+            v = d2 / cc
         else:
-            vc = d1 * d4 - d3 * d2
-            if vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
-                u = d1 / (d1 - d3)
-            else:
-                px, py, pz = x - ax - cx, y - ay - cy, z - az - cz
-                d5 = bx * px + by * py + bz * pz
-                d6 = cx * px + cy * py + cz * pz
-                if d6 >= 0.0 and d5 <= d6:
-                    v = 1.0
-                else:
-                    vb = d5 * d2 - d1 * d6
-                    if vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
-                        v = d2 / (d2 - d6)
-                    else:
-                        va = d3 * d6 - d5 * d4
-                        if va <= 0.0 and d4 >= d3 and d5 >= d6:
-                            v = (d4 - d3) / ((d4 - d3) + (d5 - d6))
-                            u = 1.0 - v
-                        else:
-                            total = 1.0 / (va + vb + vc)
-                            u = vb * total
-                            v = vc * total
-    qx = ax + u * bx + v * cx
-    qy = ay + u * by + v * cy
-    qz = az + u * bz + v * cz
-    d2 = (x - qx) ** 2 + (y - qy) ** 2 + (z - qz) ** 2
+            v = (d4 - d3) / ((d4 - d3) + (d5 - d6))
+            u = 1.0 - v
+    px -= u * bx + v * cx
+    py -= u * by + v * cy
+    pz -= u * bz + v * cz
+    d2 = px * px + py * py + pz * pz
     start = tri[s, 12]
     if start > 0.0:
         # A source with a head start acts as if it stood that much farther away.
-        e = np.sqrt(d2)
+        d2 = (np.sqrt(d2) + start) ** 2
+    return d2, u, v
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def foot(tri, s, u, v, x, y, z):
+    """Place the point a + u ab + v ac of triangle s, as seen from (x, y, z)."""
+    qx = tri[s, 0] + u * tri[s, 3] + v * tri[s, 6]
+    qy = tri[s, 1] + u * tri[s, 4] + v * tri[s, 7]
+    qz = tri[s, 2] + u * tri[s, 5] + v * tri[s, 8]
+    start = tri[s, 12]
+    if start > 0.0:
+        e = np.sqrt((x - qx) ** 2 + (y - qy) ** 2 + (z - qz) ** 2)
         if e > 1e-9:
             f = start / e
             qx += f * (qx - x)
@@ -79,8 +83,28 @@ def closest(tri, s, x, y, z):
             qz += f * (qz - z)
         else:
             qz -= start
-        d2 = (e + start) * (e + start)
+    return qx, qy, qz
+
+
+@njit(nogil=True, cache=True)
+def closest(tri, s, x, y, z):
+    """Find the point of triangle s nearest to (x, y, z).
+
+    Returns:
+        Squared distance, and the point's coordinates.
+    """
+    d2, u, v = measure(tri, s, x, y, z)
+    qx, qy, qz = foot(tri, s, u, v, x, y, z)
     return d2, qx, qy, qz
+
+
+@njit(nogil=True, cache=True)
+def heaviest(u, v):
+    """Tell which corner the point a + u ab + v ac of a triangle belongs to most."""
+    w = 1.0 - u - v
+    if w >= u and w >= v:
+        return 0
+    return 1 if u >= v else 2
 
 
 @njit(nogil=True, cache=True)
@@ -113,7 +137,7 @@ def morton_codes(vertices, faces, low, scale):
 @njit(nogil=True, cache=True)
 def triangle_rows(vertices, faces, order):
     """Lay out the triangles in tree order: corner, two edges, unit normal."""
-    tri = np.zeros((len(order), 13))
+    tri = np.zeros((len(order), 16))
     for s in range(len(order)):
         f = order[s]
         for k in range(3):
@@ -129,6 +153,10 @@ def triangle_rows(vertices, faces, order):
             tri[s, 9] = nx / length
             tri[s, 10] = ny / length
             tri[s, 11] = nz / length
+        for k in range(3):
+            tri[s, 13] += tri[s, 3 + k] * tri[s, 3 + k]
+            tri[s, 14] += tri[s, 3 + k] * tri[s, 6 + k]
+            tri[s, 15] += tri[s, 6 + k] * tri[s, 6 + k]
     return tri
 
 
@@ -210,7 +238,7 @@ def nearest(tri, box, x, y, z, hint, bound, stack, lower):
     best = -1
     least = bound
     if hint >= 0:
-        d2, _, _, _ = closest(tri, hint, x, y, z)
+        d2, _, _ = measure(tri, hint, x, y, z)
         if d2 < least:
             least = d2
             best = hint
@@ -235,7 +263,7 @@ def nearest(tri, box, x, y, z, hint, bound, stack, lower):
                 )
                 if off * off >= least:
                     continue
-                d2, _, _, _ = closest(tri, s, x, y, z)
+                d2, _, _ = measure(tri, s, x, y, z)
                 if d2 < least:
                     least = d2
                     best = s
@@ -281,34 +309,36 @@ def nearest_many(tri, box, points, first, last, slot, distance, foot):
 
 @njit(nogil=True, cache=True)
 def walk(tri, corner, ring_start, ring, s, x, y, z):
-    """Step from triangle to adjoining triangle while the distance falls.
+    """Step from triangle to triangle round the vertex next to the foot, downhill.
 
     Returns:
         Slot and squared distance of a local minimum, and the nearest point on it.
     """
-    least, qx, qy, qz = closest(tri, s, x, y, z)
+    least, u, v = measure(tri, s, x, y, z)
+    done = -1
     while True:
-        here = s
-        for c in range(3):
-            v = corner[here, c]
-            for j in range(ring_start[v], ring_start[v + 1]):
-                n = ring[j]
-                if n == here:
-                    continue
-                off = (
-                    tri[n, 9] * (x - tri[n, 0])
-                    + tri[n, 10] * (y - tri[n, 1])
-                    + tri[n, 11] * (z - tri[n, 2])
-                )
-                if off * off >= least:
-                    continue
-                d2, a, b, e = closest(tri, n, x, y, z)
-                if d2 < least * (1.0 - 1e-12):
-                    least = d2
-                    s = n
-                    qx, qy, qz = a, b, e
-        if s == here:
-            return s, least, qx, qy, qz
+        vertex = corner[s, heaviest(u, v)]
+        if vertex == done:
+            break
+        done = vertex
+        for j in range(ring_start[vertex], ring_start[vertex + 1]):
+            n = ring[j]
+            if n == s:
+                continue
+            off = (
+                tri[n, 9] * (x - tri[n, 0])
+                + tri[n, 10] * (y - tri[n, 1])
+                + tri[n, 11] * (z - tri[n, 2])
+            )
+            if off * off >= least:
+                continue
+            d2, a, b = measure(tri, n, x, y, z)
+            if d2 < least * (1.0 - 1e-12):
+                least = d2
+                s = n
+                u, v = a, b
+    qx, qy, qz = foot(tri, s, u, v, x, y, z)
+    return s, least, qx, qy, qz
 
 
 @njit(nogil=True, cache=True)

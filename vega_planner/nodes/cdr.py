@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Marker arrays straight into CDR, the bytes of the wire.
 
-Building a hundred thousand Point objects takes a second; copying an array of coordinates
-takes a millisecond, and `Publisher.publish` takes bytes.
+Building a hundred thousand Point objects takes a second; copying their coordinates as one
+array takes a millisecond, and `Publisher.publish` takes bytes.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from vega_planner.datatypes import Floats
 
 #: Marker types and actions of visualization_msgs.
-LINE_STRIP, TRIANGLE_LIST = 4, 11
+ARROW, LINE_STRIP, TRIANGLE_LIST = 0, 4, 11
 ADD, DELETE_ALL = 0, 3
 
 #: Little-endian plain CDR.
@@ -30,11 +30,12 @@ class ShapeMarker:
     Attributes:
         namespace: What it belongs to; RViz toggles namespaces.
         number: Its number in the namespace.
-        kind: `TRIANGLE_LIST` or `LINE_STRIP`.
+        kind: `TRIANGLE_LIST`, `LINE_STRIP`, or `ARROW` from the first point to the second.
         points: Points [m], shape (n, 3).
         color: Red, green, blue, opacity, 0 to 1.
         frame: Frame of the points.
-        width: Width of a line [m].
+        width: Width of a line, or of an arrow's shaft [m].
+        colors: Colours of the points, 0 to 1, shape (n, 4), or None for `color` throughout.
     """
 
     namespace: str
@@ -44,13 +45,14 @@ class ShapeMarker:
     color: tuple[float, float, float, float]
     frame: str
     width: float = 0.001
+    colors: Floats | None = None
 
 
 class _Writer:
     """Appends values with the alignment of plain CDR."""
 
     def __init__(self) -> None:
-        self._parts: list[bytes] = []
+        self._parts: list[bytes | memoryview] = []
         self._size = 0
 
     def put(self, form: str, *values: float) -> None:
@@ -64,11 +66,13 @@ class _Writer:
         self.put("I", len(data))
         self._add(data)
 
-    def doubles(self, values: Floats) -> None:
-        """Append an array of doubles, with no count."""
+    def rows(self, form: str, values: Floats) -> None:
+        """Append the number of rows of an array, then its values as numbers of one type."""
+        self.put("I", len(values))
         if values.size:
-            self._align(8)
-            self._add(np.ascontiguousarray(values, "<f8").tobytes())
+            self._align(struct.calcsize(form))
+            # Not copied before everything is joined.
+            self._add(np.ascontiguousarray(values, f"<{form}").data.cast("B"))
 
     def data(self) -> bytes:
         """Everything so far, with the encapsulation header."""
@@ -77,7 +81,7 @@ class _Writer:
     def _align(self, size: int) -> None:
         self._add(b"\0" * (-self._size % size))
 
-    def _add(self, data: bytes) -> None:
+    def _add(self, data: bytes | memoryview) -> None:
         self._parts.append(data)
         self._size += len(data)
 
@@ -105,15 +109,15 @@ def _marker(out: _Writer, marker: ShapeMarker, action: int) -> None:
     out.text(marker.namespace)
     out.put("i", marker.number, marker.kind, action)
     out.put("d", 0, 0, 0, 0, 0, 0, 1)  # pose
-    line = marker.kind == LINE_STRIP
-    out.put("d", *((marker.width, 0, 0) if line else (1, 1, 1)))  # scale
+    width = marker.width
+    scales = {LINE_STRIP: (width, 0, 0), ARROW: (width, 2 * width, 4 * width)}
+    out.put("d", *scales.get(marker.kind, (1, 1, 1)))
     out.put("f", *marker.color)
     out.put("i", 0)  # lifetime: for ever
     out.put("I", 0)
     out.put("B", 1)  # frame_locked
-    out.put("I", len(marker.points))
-    out.doubles(marker.points)
-    out.put("I", 0)  # colors
+    out.rows("d", marker.points)
+    out.rows("f", np.zeros((0, 4)) if marker.colors is None else marker.colors)
     out.text("")  # texture_resource
     out.put("i", 0)  # texture: header, format, data
     out.put("I", 0)

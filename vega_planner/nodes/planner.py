@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node `planner`: action `plan_layers`, latched `layers` and `toolpath` for RViz."""
+"""Node `planner`: action `plan_layers`, latched layers and toolpath for RViz."""
 
 from __future__ import annotations
 
@@ -17,9 +17,11 @@ from visualization_msgs.msg import MarkerArray
 
 from vega_msgs.action import PlanLayers
 from vega_planner.errors import Cancelled, VegaError
+from vega_planner.nodes.clicked_point import ClickedPoint
 from vega_planner.nodes.conversions import error_to_msg, request_from_msg, result_to_msg
 from vega_planner.nodes.frames import FramePublisher
 from vega_planner.nodes.parameters import declare_settings, read_settings
+from vega_planner.nodes.plan_markers import TOPICS
 from vega_planner.nodes.worker import PlanWorker
 from vega_planner.progress import Progress
 
@@ -37,10 +39,10 @@ class PlannerNode(Node):
         declare_settings(self)
         self._worker = PlanWorker()
         self._latched = {
-            name: self.create_publisher(MarkerArray, name, LATCHED)
-            for name in ("layers", "toolpath")
+            name: self.create_publisher(MarkerArray, name, LATCHED) for name in TOPICS
         }
         self._frames = FramePublisher(self)
+        self._clicked = ClickedPoint(self)
         self._shown: dict[str, bytes] = {}
         group = ReentrantCallbackGroup()
         self._running = threading.Lock()
@@ -91,6 +93,7 @@ class PlannerNode(Node):
             return error_to_msg(VegaError(f"unexpected {type(error).__name__}: {error}"))
         self._shown = outcome.markers
         self._frames.publish(outcome.trajectory.T_base_part)
+        self._clicked.T_base_part = outcome.trajectory.T_base_part
         self._publish()
         goal.succeed()
         return result

@@ -3,27 +3,21 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
 import signal
-import subprocess
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from vega_planner.errors import Cancelled, DriverError, NotPrintable
+from vega_planner.errors import Cancelled, NotPrintable
+from vega_planner.nodes.node_processes import run_nodes
 from vega_planner.progress import Progress, Report
 from vega_planner.settings import Settings, as_dict
 
 #: Share of the whole job that planning takes, for the progress bar.
 PLANNING_SHARE = 0.4
-#: Time a node may take to end before it is killed [s].
-ENDING = 10.0
 
 
 def print_part(
@@ -64,7 +58,7 @@ def print_part(
     namespace = f"/vega_{os.getpid()}"
     with (
         TemporaryDirectory(prefix="vega_print_") as scratch,
-        _nodes(
+        run_nodes(
             namespace, Path(scratch), _parameters(settings, hardware, realtime, scratch)
         ) as nodes,
     ):
@@ -129,68 +123,5 @@ def _parameters(
     return {"vega_planner.nodes.planner": {}, "vega_robot_driver.nodes.robot_driver": driver}
 
 
-class _Nodes:
-    """The processes of the nodes."""
-
-    def __init__(self, processes: dict[str, subprocess.Popen], logs: dict[str, Path]) -> None:
-        self._processes, self._logs = processes, logs
-
-    def check(self) -> None:
-        """Tell when one has died.
-
-        Raises:
-            DriverError: With the last line it wrote.
-        """
-        for name, process in self._processes.items():
-            status = process.poll()
-            if status is not None:
-                lines = self._logs[name].read_text(errors="replace").strip().splitlines()
-                last = lines[-1] if lines else "it said nothing"
-                raise DriverError(f"node {name} ended with status {status}: {last}")
-
-
-def _end_with_parent() -> None:
-    """Have the kernel interrupt this process when the one that started it dies."""
-    import ctypes
-
-    ctypes.CDLL(None).prctl(1, signal.SIGINT)  # PR_SET_PDEATHSIG
-
-
 def _interrupt(*_: object) -> None:
     raise KeyboardInterrupt
-
-
-@contextmanager
-def _nodes(
-    namespace: str, folder: Path, parameters: dict[str, dict[str, Any]]
-) -> Iterator[_Nodes]:
-    """Run nodes as processes; they are interrupted and awaited at the end."""
-    processes: dict[str, subprocess.Popen] = {}
-    logs: dict[str, Path] = {}
-    try:
-        for module, values in parameters.items():
-            name = module.rsplit(".", 1)[-1]
-            command = [sys.executable, "-m", module, "--ros-args", "-r", f"__ns:={namespace}"]
-            for key, value in values.items():
-                command += ["-p", f"{key}:={json.dumps(value)}"]
-            logs[name] = folder / f"{name}.log"
-            with logs[name].open("wb") as log:
-                processes[name] = subprocess.Popen(
-                    command,
-                    stdin=subprocess.DEVNULL,
-                    stdout=log,
-                    stderr=log,
-                    start_new_session=True,  # ctrl-c is handled here, goal by goal
-                    preexec_fn=_end_with_parent,
-                )
-        yield _Nodes(processes, logs)
-    finally:
-        for process in processes.values():
-            with contextlib.suppress(ProcessLookupError):
-                process.send_signal(signal.SIGINT)
-        for process in processes.values():
-            try:
-                process.wait(timeout=ENDING)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()

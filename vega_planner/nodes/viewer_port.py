@@ -20,16 +20,14 @@ from std_srvs.srv import Trigger
 from vega_msgs.action import ExecutePrint, PlanLayers
 from vega_msgs.msg import PrintStatus
 from vega_planner.errors import Cancelled, DriverError, InvalidInput, LinkTimeout, VegaError
-from vega_planner.nodes.print_client import _nodes
+from vega_planner.nodes.node_processes import run_nodes
 from vega_planner.nodes.session import ANSWER, Session
 from vega_planner.progress import Progress, Report
 from vega_planner.settings import Settings, as_dict
-from vega_planner.viewer.job import JobState, MachineChoice
+from vega_planner.viewer.job import RUNNING, JobState, MachineChoice
 
 _PLANNER = "vega_planner.nodes.planner"
 _DRIVER = "vega_robot_driver.nodes.robot_driver"
-#: States in which a print is under way.
-_UNDER_WAY = ("printing", "pausing", "paused", "stopping")
 
 
 class RosJob:
@@ -126,7 +124,7 @@ class _PlanningNode:
 
     def __init__(self, namespace: str, scratch: Path) -> None:
         self._stack = ExitStack()
-        self._nodes = self._stack.enter_context(_nodes(namespace, scratch, {_PLANNER: {}}))
+        self._nodes = self._stack.enter_context(run_nodes(namespace, scratch, {_PLANNER: {}}))
         self._stopped = threading.Event()
         self._session = Session(namespace, "view_plan", self._alive)
 
@@ -176,7 +174,9 @@ class _DrivingNode:
             "state_folder": str(scratch / "machine"),
         }
         self._stack = ExitStack()
-        self._nodes = self._stack.enter_context(_nodes(namespace, scratch, {_DRIVER: parameters}))
+        self._nodes = self._stack.enter_context(
+            run_nodes(namespace, scratch, {_DRIVER: parameters})
+        )
         self._session = Session(namespace, "view_print", self._nodes.check)
         node = self._session.node
         self._triggers = {
@@ -238,7 +238,7 @@ class _DrivingNode:
         state = str(status.state)
         # Between the last status and the end of the action the machine is at rest.
         over = self._thread is None or not self._thread.is_alive()
-        if over and state in _UNDER_WAY:
+        if over and state in RUNNING:
             state = "idle"
         detail = status.detail or (str(error) if over and error is not None else "")
         return JobState(

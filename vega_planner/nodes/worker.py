@@ -68,7 +68,7 @@ class PlanOutcome:
         sheets: All layers.
         toolpaths: Passes and travel.
         trajectory: Joint motion.
-        markers: The latched marker arrays, serialized: layers and toolpath.
+        markers: The latched marker arrays by topic, serialized.
     """
 
     status: str

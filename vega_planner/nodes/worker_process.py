@@ -72,8 +72,7 @@ class _Jobs:
 
 def _outcome(request: PlanRequest, report: Report) -> PlanOutcome:
     import vega_planner
-    from vega_planner.nodes.cdr import marker_array
-    from vega_planner.nodes.markers import layer_markers, toolpath_markers
+    from vega_planner.nodes.plan_markers import plan_markers
 
     with TemporaryDirectory(prefix="vega_plan_") as scratch:
         source, settings = _sources(request, Path(scratch))
@@ -90,10 +89,9 @@ def _outcome(request: PlanRequest, report: Report) -> PlanOutcome:
         sheets=plan.stack.sheets,
         toolpaths=plan.toolpaths,
         trajectory=plan.trajectory,
-        markers={
-            "layers": marker_array(layer_markers(plan.stack, plan.printability)),
-            "toolpath": marker_array(toolpath_markers(plan.toolpaths)),
-        },
+        markers=plan_markers(
+            plan.stack, plan.printability, plan.toolpaths, plan.trajectory, plan.cell
+        ),
     )
 
 

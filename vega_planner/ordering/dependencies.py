@@ -14,6 +14,10 @@ from vega_planner.printability.material import DistanceField, Material
 from vega_planner.printability.tool_kernels import tool_hits
 from vega_planner.printability.tool_shape import STEP_MM, ToolShape
 
+#: Upward share of the normal below which a surface is a wall, and how far up its foot
+#: reaches, in layer thicknesses.
+WALL_RISE, FOOT_LAYERS = 0.5, 2.0
+
 
 @dataclass(frozen=True, eq=False)
 class Support:
@@ -49,6 +53,12 @@ def find_support(
         plate_z_mm: Height of the plate.
     """
     below = samples.points - samples.thickness[:, None] * samples.normals
+    wall, foot = _walls(samples, count)
+    # a wall stands on what is under its foot, and above that each bead on the last one
+    low = np.full(count, np.inf)
+    np.minimum.at(low, samples.patch, samples.points[:, 2])
+    below[foot, :2] = samples.points[foot, :2]
+    below[foot, 2] = (low[samples.patch] - 0.75 * samples.thickness)[foot]
     face = material.face_at(below)
     inside = material.holds(below) & (face >= 0)
     under = np.where(inside, owner[np.maximum(face, 0)], -1)
@@ -56,11 +66,25 @@ def find_support(
     gap = surroundings.distance(below)
     grounded |= gap <= 0.75 * samples.thickness + 0.5 * surroundings.spacing
     own = under == samples.patch
+    held = grounded | ((under >= 0) & ~own)
+    feet = np.bincount(samples.patch[foot], minlength=count)
+    firm = np.bincount(samples.patch[foot & held], minlength=count) > 0.5 * feet
+    stands = wall & ~foot & firm[samples.patch]
+    own |= stands
     share = np.zeros((count, count))
     good = (under >= 0) & ~own
     np.add.at(share, (under[good], samples.patch[good]), 1.0)
-    share /= np.maximum(np.bincount(samples.patch, minlength=count), 1)
+    share /= np.maximum(np.bincount(samples.patch[~stands], minlength=count), 1)
     return Support(share, grounded, ~grounded & ~good & ~own)
+
+
+def _walls(samples: Samples, count: int) -> tuple[Bools, Bools]:
+    """Mark the samples on walls, and those of them at the foot of their patch."""
+    wall = np.abs(samples.normals[:, 2]) < WALL_RISE
+    low = np.full(count, np.inf)
+    np.minimum.at(low, samples.patch, samples.points[:, 2])
+    foot = samples.points[:, 2] < low[samples.patch] + FOOT_LAYERS * samples.thickness
+    return wall, wall & foot
 
 
 def find_blocking(

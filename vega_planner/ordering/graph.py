@@ -7,8 +7,6 @@ import heapq
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 
 from vega_planner.datatypes import Bools, Floats
 
@@ -22,11 +20,29 @@ def cycles(before: Bools) -> list[list[int]]:
     Returns:
         Strongly connected groups of more than one node, each sorted.
     """
+    if _free_of_cycles(before):
+        return []
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import connected_components
+
     count, group = connected_components(csr_array(before), directed=True, connection="strong")
     members: list[list[int]] = [[] for _ in range(count)]
     for node, number in enumerate(group):
         members[number].append(node)
     return sorted(nodes for nodes in members if len(nodes) > 1)
+
+
+def _free_of_cycles(before: Bools) -> bool:
+    """Tell whether taking away nodes that wait for nothing leaves none."""
+    waits = before.sum(0)
+    free = list(np.flatnonzero(waits == 0))
+    taken = 0
+    while free:
+        after = np.flatnonzero(before[free.pop()])
+        taken += 1
+        waits[after] -= 1
+        free.extend(after[waits[after] == 0])
+    return taken == len(before)
 
 
 def break_cycles(hard: Bools, soft: Floats) -> tuple[Bools, Bools]:

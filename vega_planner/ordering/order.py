@@ -127,6 +127,7 @@ def order_patches(
     settings: PrintabilitySettings,
     report: Report,
     assessment: Assessment | None = None,
+    cut: bool = False,
 ) -> PrintOrder:
     """Find the deposition sequence.
 
@@ -142,6 +143,8 @@ def order_patches(
         settings: Limits and clearance.
         report: Receives progress; may raise `Cancelled`.
         assessment: The judgement the patches come from; its report is carried on.
+        cut: Whether to cut patches that wait for each other into bands of height even where
+            all layers are printable as they are.
 
     Returns:
         The patches in print order with the proof.
@@ -165,10 +168,13 @@ def order_patches(
     if assessment is not None:
         order = _with_cores_held(_natural_order(patches, assessment), graph, assessment)
         found = _proven(task, graph, order, report)
-    if found is None or found.cost > ACCEPTED_SHARE * sum(patch.area for patch in patches):
+    if cut or found is None or found.cost > ACCEPTED_SHARE * sum(p.area for p in patches):
         graph = task.with_blocking(graph)
         if settings.orientation == "collision-free" and graph.tangles():
-            graph = _untangled(task, graph, report)
+            # layers that are printable as they are stay whole: what is left is resolved
+            # pass by pass when the paths are laid
+            cut = cut or _base_report(assessment).status != "fully"
+            graph = _untangled(task, graph, report, cut)
         before, _ = break_cycles(graph.hard, graph.soft)
         other = _proven(task, graph, sequence(before, _keys(graph.patches, stack)), report)
         if found is None or other.cost < found.cost:
@@ -307,7 +313,7 @@ class _Task:
         return replace(graph, patches=patches, samples=samples, blocked=blocked)
 
 
-def _untangled(task: _Task, graph: _Graph, report: Report) -> _Graph:
+def _untangled(task: _Task, graph: _Graph, report: Report, cut: bool) -> _Graph:
     """Resolve cycles: first by steeper tool axes, then by cutting into bands of height."""
     for most_deg in TILTS_DEG:
         patches = list(graph.patches)
@@ -317,7 +323,7 @@ def _untangled(task: _Task, graph: _Graph, report: Report) -> _Graph:
         steeper = task.with_blocking(graph, patches)
         if not steeper.tangles():
             return steeper
-    for height in BANDS_MM:
+    for height in BANDS_MM if cut else ():
         report(Progress("ordering", 0.35))
         tangled = {node for nodes in graph.tangles() for node in nodes}
         patches = []
@@ -434,8 +440,9 @@ def _cleared(
 
     gap = clearance(np.arange(len(patch.vertices)), patch.vertices, patch.tool_axes)
     limit = plate_tilt_limit(
-        patch.vertices, patch.vertex_normals, patch.thickness, tool, task.cell, wanted
-    )
+        patch.vertices, patch.vertex_normals, patch.thickness, tool, task.cell, wanted,
+        None if task.assessment is None else task.assessment.width_mm,
+    )  # fmt: skip
     tilt = tilt_of(patch.tool_axes)
     hit = (gap < wanted) | (tilt > limit + 1e-6)
     if not hit.any() or settings.orientation != "collision-free":

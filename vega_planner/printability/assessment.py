@@ -57,8 +57,19 @@ FACES_DOWN, LIES_ON_PLATE = 0.03, 0.5
 #: Finest spacing of the grids that hold what is there [mm].
 FINEST_MM = 0.65
 
+#: Largest tilt of the nozzle over sheets that fill the core [deg]: they may stand close to
+#: each other, and a steep nozzle keeps clear of them.
+CORE_TILT_DEG = 30.0
+
+#: Angle between a wall's normal and the vertical from which on its beads stand on each
+#: other [deg], and how far the nozzle may stand off the plane through both.
+WALL_DEG, OFF_PLANE_DEG = 60.0, 25.0
+
 #: Sheets judged between two reports of progress.
 AT_ONCE = 8
+
+#: Area that may be printed from inside and the layers still count as printed as they are.
+SLIVER_RATIO = 1e-4
 
 #: Area that may be lost to slivers and still count as printable.
 NEGLIGIBLE_RATIO = 2e-3
@@ -76,6 +87,9 @@ class Side:
         reachable: True where the robot gets there (f1), shape (n,).
         seen: True where the line along the tool meets nothing of the layer (f2), (n,).
         clear: True where the solid tool is clear (f2s), shape (n,).
+        hopeful: True where only the lean stands against printing, on a wall whose beads
+            stand on each other; or only material that need not be there yet, if it is
+            printed from the bottom up. The check of every waypoint decides. Shape (n,).
     """
 
     axes: Floats
@@ -83,6 +97,7 @@ class Side:
     reachable: Bools
     seen: Bools
     clear: Bools
+    hopeful: Bools
 
     @property
     def printable(self) -> Bools:
@@ -116,6 +131,7 @@ class Assessment:
         sheets: One judgement per sheet of the stack.
         surroundings: Distance field of the substrate; empty without one.
         material: The part's material by sheet.
+        width_mm: Width of the beads, where it was told.
     """
 
     report: PrintabilityReport
@@ -123,6 +139,7 @@ class Assessment:
     sheets: tuple[SheetAssessment, ...]
     surroundings: DistanceField
     material: Material
+    width_mm: float | None = None
 
 
 def stage_height(stack: LayerStack) -> float:
@@ -155,7 +172,11 @@ def with_upright_cores(stack: LayerStack) -> LayerStack:
 
 
 def assess_printability(
-    stack: LayerStack, cell: Workcell, settings: PrintabilitySettings, report: Report
+    stack: LayerStack,
+    cell: Workcell,
+    settings: PrintabilitySettings,
+    report: Report,
+    width_mm: float | None = None,
 ) -> Assessment:
     """Judge every layer: can it be printed, from which side, with which tool axes.
 
@@ -164,6 +185,7 @@ def assess_printability(
         cell: Robot, tool, placement and substrate.
         settings: Orientation policy and limits.
         report: Receives progress; may raise `Cancelled`.
+        width_mm: Width of the beads; `WIDTH_RATIO` layer thicknesses when absent.
 
     Returns:
         The judgement of each sheet and the report over all.
@@ -182,6 +204,10 @@ def assess_printability(
     report(Progress("printability", 0.1))
     stages = [printed_before(stack, sheet) for sheet in range(len(sheets))]
     material.prepare(stages)
+    # what fills the core has no outer side the nozzle would have to face
+    steep = replace(
+        settings, max_tilt_deg=min(settings.max_tilt_deg, CORE_TILT_DEG), max_lean_deg=90.0
+    )
 
     def judge(sheet: int, bowl: DistanceField = EMPTY, closed: Ints | None = None) -> Side:
         layer, before = sheets[sheet], stages[sheet]
@@ -193,7 +219,13 @@ def assess_printability(
             (bowl, tool, "printed_part"),
             (material.field_of(own), bulk, "own_layer"),
         ]
-        return judge_side(layer, layer.vertex_normals, fields, cell, settings, closed)
+        if layer.kind == "core":
+            return judge_side(
+                layer, layer.vertex_normals, fields, cell, steep, closed, False, width_mm
+            )
+        return judge_side(
+            layer, layer.vertex_normals, fields, cell, settings, closed, True, width_mm
+        )
 
     outside: list[Side] = []
     if not any(_held_from_below(x, EMPTY, surroundings, cell).any() for x in sheets):
@@ -204,6 +236,7 @@ def assess_printability(
     # what is laid from inside: filled from the outermost layer inwards
     laid = np.zeros(material.first[-1], np.bool_)
     judged = []
+    flat = cell.substrate is None and bool(stack.part.restrained.any())
     for number, layer in enumerate(sheets):
         bowl = material.field_of_faces(laid) if laid.any() else EMPTY
         held = _held_from_below(layer, bowl, surroundings, cell)
@@ -217,15 +250,16 @@ def assess_printability(
             fields = [(surroundings, tool, "substrate"), (bowl, tool, "printed_part")]
             unused = np.where(side_out.printable & ~held, _CODE["own_layer"], 0)
             inner = judge_side(
-                layer, -layer.vertex_normals, fields, cell, settings, unused, see=False
+                layer, -layer.vertex_normals, fields, cell, settings, unused, False, width_mm
             )
             label = _face_labels(layer, side_out, inner, held)
+        side_out, label = _with_hope(layer, side_out, label, flat)
         label = _without_noise(layer, label)
         laid[material.first[number] : material.first[number + 1]] = label == INSIDE
         judged.append(SheetAssessment(side_out, inner, label))
         report(Progress("printability", 0.7 + 0.3 * (number + 1) / len(sheets)))
     summary = _summarise(stack, judged, cell, settings)
-    return Assessment(summary, sheets, tuple(judged), surroundings, material)
+    return Assessment(summary, sheets, tuple(judged), surroundings, material, width_mm)
 
 
 def _covered(layer: Layer, held: Bools, bowl: DistanceField, surroundings: DistanceField) -> Ints:
@@ -249,6 +283,7 @@ def judge_side(
     settings: PrintabilitySettings,
     closed: Ints | None = None,
     see: bool = True,
+    width_mm: float | None = None,
 ) -> Side:
     """Apply f1, f2 and f2s to one side of a sheet.
 
@@ -262,6 +297,7 @@ def judge_side(
         closed: Reason code of vertices that something touches on this side, 0 elsewhere,
             shape (n,); no tool is tried there.
         see: Whether to apply f2 against the layer itself.
+        width_mm: Width of the beads; `WIDTH_RATIO` layer thicknesses when absent.
     """
     points = layer.vertices
     shape = fields[0][1]
@@ -278,7 +314,7 @@ def judge_side(
                 todo = todo[gap[todo] >= wanted]
         return gap
 
-    limit = plate_tilt_limit(points, normals, layer.thickness, shape, cell, wanted)
+    limit = plate_tilt_limit(points, normals, layer.thickness, shape, cell, wanted, width_mm)
     limit[closed > 0] = -1.0
     oriented = orient(points, layer.faces, normals, limit, clearance, settings)
     axes = oriented.axes
@@ -302,10 +338,21 @@ def judge_side(
     steep = tilt_of(normals) > np.radians(90 + settings.max_overhang_deg) + 1e-9
     if settings.orientation == "vertical":
         lean &= steep
+    hopeful = (code == 0) & lean
+    if hopeful.any():
+        off = np.arccos(np.clip(np.einsum("ij,ij->i", axes, normals), -1, 1))
+        off += tilt_of(axes) - tilt_of(normals)
+        hopeful &= (tilt_of(normals) > np.radians(WALL_DEG)) & (off < np.radians(OFF_PLANE_DEG))
+    if settings.orientation == "collision-free":
+        later = np.isin(code, [_CODE[name] for name in ("own_layer", "printed_part", "plate")])
+        hopeful |= later & (limit >= 0)
+        stuck = hopeful & ~oriented.clear
+        axes = np.where(stuck[:, None], [0.0, 0.0, 1.0], axes)
+    hopeful &= ~steep & reachable & (closed == 0)
     code[(code == 0) & (lean | steep)] = _CODE["no_support"]
     code[reach == 2] = _CODE["wrist_limit"]
     code[reach == 1] = _CODE["out_of_travel"]
-    return Side(axes, code, reachable, seen, oriented.clear)
+    return Side(axes, code, reachable, seen, oriented.clear, hopeful)
 
 
 def plate_tilt_limit(
@@ -315,13 +362,13 @@ def plate_tilt_limit(
     tool: ToolShape,
     cell: Workcell,
     clearance_mm: float,
+    width_mm: float | None = None,
 ) -> Floats:
     """Find the largest tilt the plate leaves at points of a sheet [rad].
 
     Beads are set in from a rim by half their width w, so a rim that lies on the plate is
     judged where its first bead will be: at the height w/2 sin(slope), and no lower than
-    half a layer. Here w is 1.5 t, the paper's proportion. The tip itself may come as near
-    as a quarter of the layer.
+    half a layer. The tip itself may come as near as a quarter of the layer.
 
     Args:
         points: Points on the middle surface [mm], shape (n, 3).
@@ -330,12 +377,17 @@ def plate_tilt_limit(
         tool: The tool.
         cell: Placement of the part over the plate.
         clearance_mm: Distance the tool keeps.
+        width_mm: Width w of the beads; the paper's proportion 1.5 t when absent. Wide flat
+            beads are counted without what their round sides lack.
 
     Returns:
         Largest tilts [rad], shape (n,); negative where even the upright tool is too low.
     """
     slope = np.hypot(normals[:, 0], normals[:, 1])
-    first_bead = np.maximum(0.5, 0.5 * WIDTH_RATIO * slope) * thickness
+    strip = WIDTH_RATIO * thickness
+    if width_mm is not None:
+        strip = np.maximum(strip, width_mm - 0.25 * thickness)
+    first_bead = np.maximum(0.5 * thickness, 0.5 * strip * slope)
     height = np.maximum(points[:, 2] - cell.placement.plate_z_mm, first_bead)
     least = float(thickness.min()) if len(thickness) else clearance_mm
     return tool.largest_tilt(height, min(clearance_mm, 0.25 * least))
@@ -375,6 +427,24 @@ def _face_labels(layer: Layer, outside: Side, inside: Side | None, held: Bools) 
     return label
 
 
+def _with_hope(layer: Layer, outside: Side, label: Ints, flat: bool) -> tuple[Side, Ints]:
+    """Print from outside what is only hopeful, where there is no other way.
+
+    On a flat base nothing has to be printed from inside: there, all of it.
+    """
+    wanted = label != OUTSIDE if flat else label == NEITHER
+    if not outside.hopeful.any() or not wanted.any():
+        return outside, label
+    good = outside.printable | outside.hopeful
+    more = wanted & (good[layer.faces].sum(1) >= 2)
+    if not more.any():
+        return outside, label
+    used = np.zeros(len(good), np.bool_)
+    used[layer.faces[more].ravel()] = True
+    code = np.where(used & outside.hopeful, 0, outside.code)
+    return replace(outside, code=code), np.where(more, OUTSIDE, label)
+
+
 def _without_noise(layer: Layer, label: Ints) -> Ints:
     """Give regions too small for a few beads the side of what surrounds them."""
     if (label == label[0]).all():
@@ -406,13 +476,14 @@ def _summarise(
         bad = np.flatnonzero(sheet.side == NEITHER)
         code[bad] = sheet.outside.code[faces[bad]].max(1)
         codes.append(code)
+    total = max(total, 1e-300)
     # what fills the core has no outer side and is printed from wherever it can be
-    whole = all(
-        (sheet.side == OUTSIDE).all()
+    turned = sum(
+        float(layer.face_areas[sheet.side != OUTSIDE].sum())
         for layer, sheet in zip(stack.sheets, judged)
         if layer.kind != "core"
     )
-    total = max(total, 1e-300)
+    whole = turned <= SLIVER_RATIO * total
     status = "fully" if whole else "conditionally"
     if printable < (1 - NEGLIGIBLE_RATIO) * total:
         status = "not"

@@ -1,101 +1,215 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Kernels of the final check: beads on a grid by when they are laid, and exact tool tests."""
+"""Kernels of the final check: the tool against beads, each with its own section, exactly.
+
+A bead between two waypoints is a parallelogram, the way of the tip by the flat part of the
+bead's width, grown by a ball of half the bead's height. Beads lie in the order in which
+they are laid, so that what is there at a moment is a prefix.
+"""
 
 from __future__ import annotations
 
 import math
 
-import numpy as np
 from numba import njit
+
+#: Beads in a block and blocks in a group, each with a ball around it.
+BLOCK, GROUP = 16, 16
 
 
 @njit(nogil=True, cache=True)
-def lay_bead(points, axes, width, height, first, origin, spacing, birth):
-    """Write into each voxel of a bead the number of the waypoint that lays it.
-
-    A bead joins consecutive points; its section is a stadium `width` across and `height`
-    along the tool axis. A voxel keeps the smallest number.
+def lay_beads(points, axes, width, height, first, out):
+    """Describe the beads of one pass.
 
     Args:
         points, axes: (n, 3) bead centres [mm] and unit axes.
         width, height: (n,) [mm].
-        first: Number of point 0; a segment counts as laid when its later point is reached.
-        origin: (3,) position of voxel 0.
-        spacing: Edge of a voxel [mm].
-        birth: (nx, ny, nz) int32, updated.
+        first: Row of `out` for the first of the n - 1 beads.
+        out: (k, 10) written: middle, half the way (3), half the flat width (3), radius.
     """
     for k in range(1, points.shape[0]):
-        half = 0.5 * max(max(width[k], width[k - 1]), max(height[k], height[k - 1]))
-        low = np.empty(3, np.int64)
-        high = np.empty(3, np.int64)
-        for x in range(3):
-            a = min(points[k, x], points[k - 1, x]) - half
-            b = max(points[k, x], points[k - 1, x]) + half
-            low[x] = max(0, math.ceil((a - origin[x]) / spacing))
-            high[x] = min(birth.shape[x] - 1, math.floor((b - origin[x]) / spacing))
-        dx = points[k, 0] - points[k - 1, 0]
-        dy = points[k, 1] - points[k - 1, 1]
-        dz = points[k, 2] - points[k - 1, 2]
-        length = dx * dx + dy * dy + dz * dz
+        row = first + k - 1
         w = 0.5 * (width[k] + width[k - 1])
         h = 0.5 * (height[k] + height[k - 1])
-        for i in range(low[0], high[0] + 1):
-            for j in range(low[1], high[1] + 1):
-                for m in range(low[2], high[2] + 1):
-                    if birth[i, j, m] <= first + k:
-                        continue
-                    px = origin[0] + spacing * i - points[k - 1, 0]
-                    py = origin[1] + spacing * j - points[k - 1, 1]
-                    pz = origin[2] + spacing * m - points[k - 1, 2]
-                    t = 0.0
-                    if length > 0:
-                        t = min(max((px * dx + py * dy + pz * dz) / length, 0.0), 1.0)
-                    px -= t * dx
-                    py -= t * dy
-                    pz -= t * dz
-                    along = px * axes[k, 0] + py * axes[k, 1] + pz * axes[k, 2]
-                    square = px * px + py * py + pz * pz - along * along
-                    # stadium: a core (w - h) wide with round ends of diameter h
-                    side = max(math.sqrt(max(square, 0.0)) - 0.5 * max(w - h, 0.0), 0.0)
-                    if side * side + along * along <= 0.25 * h * h:
-                        birth[i, j, m] = first + k
+        for x in range(3):
+            out[row, x] = 0.5 * (points[k, x] + points[k - 1, x])
+            out[row, 3 + x] = 0.5 * (points[k, x] - points[k - 1, x])
+        ax, ay, az = axes[k, 0], axes[k, 1], axes[k, 2]
+        dx, dy, dz = out[row, 3], out[row, 4], out[row, 5]
+        sx = ay * dz - az * dy
+        sy = az * dx - ax * dz
+        sz = ax * dy - ay * dx
+        length = math.sqrt(sx * sx + sy * sy + sz * sz)
+        flat = 0.5 * max(w - h, 0.0) / length if length > 1e-12 else 0.0
+        out[row, 6] = sx * flat
+        out[row, 7] = sy * flat
+        out[row, 8] = sz * flat
+        out[row, 9] = 0.5 * h
 
 
 @njit(nogil=True, cache=True)
-def depth_in_tool(
-    points, axes, number, since, birth, origin, spacing, start, step, inscribed, samples, out
+def enclose(beads, balls, size):
+    """Find a ball around every so many rows.
+
+    Args:
+        beads: (k, 10) of `lay_beads`, or (k, 4) balls: middle and radius.
+        balls: (ceil(k / size), 4) written: middle and radius.
+        size: Rows to a ball.
+    """
+    whole = beads.shape[1] == 10
+    for b in range(balls.shape[0]):
+        begin = b * size
+        end = min(begin + size, beads.shape[0])
+        for x in range(3):
+            low, high = 1e30, -1e30
+            for k in range(begin, end):
+                low = min(low, beads[k, x])
+                high = max(high, beads[k, x])
+            balls[b, x] = 0.5 * (low + high)
+        radius = 0.0
+        for k in range(begin, end):
+            away = 0.0
+            for x in range(3):
+                away += (beads[k, x] - balls[b, x]) ** 2
+            own = beads[k, 3]
+            if whole:
+                way, flat = 0.0, 0.0
+                for x in range(3):
+                    way += beads[k, 3 + x] ** 2
+                    flat += beads[k, 6 + x] ** 2
+                own = math.sqrt(way) + math.sqrt(flat) + beads[k, 9]
+            radius = max(radius, math.sqrt(away) + own)
+        balls[b, 3] = radius
+
+
+@njit(nogil=True, cache=True, inline="always")
+def _outside(s, r, at, radius):
+    """Signed distance of a point (s, r) of the half plane from a tool's outline.
+
+    The outline runs from (at[0], 0) along the corners (at, radius) to (at[-1], 0).
+    """
+    n = at.shape[0]
+    best = 1e30
+    # flat ends
+    for k in (0, n - 1):
+        ds = s - at[k]
+        dr = max(r - radius[k], 0.0)
+        best = min(best, ds * ds + dr * dr)
+    inside = False
+    for k in range(n - 1):
+        ls = at[k + 1] - at[k]
+        lr = radius[k + 1] - radius[k]
+        square = ls * ls + lr * lr
+        t = 0.0
+        if square > 0.0:
+            t = min(max(((s - at[k]) * ls + (r - radius[k]) * lr) / square, 0.0), 1.0)
+        ds = s - at[k] - t * ls
+        dr = r - radius[k] - t * lr
+        best = min(best, ds * ds + dr * dr)
+        if ls > 0.0 and at[k] <= s <= at[k + 1]:
+            inside = inside or r <= radius[k] + lr * (s - at[k]) / ls
+    return -math.sqrt(best) if inside else math.sqrt(best)
+
+
+@njit(nogil=True, cache=True, inline="always")
+def _may_touch(ball, px, py, pz, ux, uy, uz, first, last, widest, step, enough):
+    """Tell whether a ball may come nearer than `enough` to the tool."""
+    x = ball[0] - px
+    y = ball[1] - py
+    z = ball[2] - pz
+    reach = ball[3] + enough
+    s = x * ux + y * uy + z * uz
+    if s + reach < first or s - reach > last:
+        return False
+    k = min(int((s + reach) / step) + 1, widest.shape[0] - 1)
+    most = widest[k] + reach
+    return x * x + y * y + z * z - s * s < most * most
+
+
+@njit(nogil=True, cache=True)
+def _block_gap(
+    beads, begin, end, px, py, pz, ux, uy, uz, at, radius, near
+):  # fmt: skip
+    """Measure how far a pose stays from the beads `begin` to `end`, if nearer than `near`."""
+    best = near
+    for k in range(begin, end):
+        x = beads[k, 0] - px
+        y = beads[k, 1] - py
+        z = beads[k, 2] - pz
+        way = math.sqrt(beads[k, 3] ** 2 + beads[k, 4] ** 2 + beads[k, 5] ** 2)
+        flat = math.sqrt(beads[k, 6] ** 2 + beads[k, 7] ** 2 + beads[k, 8] ** 2)
+        h = beads[k, 9]
+        s = x * ux + y * uy + z * uz
+        r = math.sqrt(max(x * x + y * y + z * z - s * s, 0.0))
+        if _outside(s, r, at, radius) - way - flat - h > best:
+            continue
+        along = max(1, math.ceil(way / 0.2))
+        across = max(1, math.ceil(flat / 0.15)) if flat > 1e-9 else 0
+        for m in range(-along, along + 1):
+            v = m / along
+            for j in range(-across, across + 1):
+                w = j / across if across > 0 else 0.0
+                qx = x + v * beads[k, 3] + w * beads[k, 6]
+                qy = y + v * beads[k, 4] + w * beads[k, 7]
+                qz = z + v * beads[k, 5] + w * beads[k, 8]
+                s = qx * ux + qy * uy + qz * uz
+                r = math.sqrt(max(qx * qx + qy * qy + qz * qz - s * s, 0.0))
+                best = min(best, _outside(s, r, at, radius) - h)
+    return best
+
+
+@njit(nogil=True, cache=True)
+def bead_clearance(
+    points, axes, counts, beads, blocks, groups, at, radius, widest, step, enough, give_up, out
 ):
-    """Find how deep the tool reaches into voxels laid before its own waypoint.
+    """Measure how far tool poses stay from the beads that are there.
+
+    What one pose hits, the next one is held against first; then the youngest beads.
 
     Args:
         points, axes: (n, 3) tips [mm] and unit axes.
-        number: (n,) number of each waypoint; younger voxels do not count.
-        since: (n,) voxels older than this do not count either.
-        birth: (nx, ny, nz) int32 number of the waypoint that laid a voxel.
-        origin: (3,) position of voxel 0.
-        spacing: Edge of a voxel [mm].
-        start: Distance behind the tip at which the tool begins to count [mm].
-        step: Spacing of the profile samples [mm].
-        inscribed, samples: (k,) radius [mm] of inscribed balls and of the tool.
-        out: (n,) float64, written: largest depth [mm] below the tool's side; negative
-            where no voxel is inside.
+        counts: (n,) number of beads laid before each pose.
+        beads: (k, 10) of `lay_beads`.
+        blocks, groups: balls around `BLOCK` beads, and around `GROUP` blocks, (k, 4).
+        at, radius: (c,) corners of the tool's outline from where it begins to count [mm].
+        widest: largest radius [mm] of the tool up to s = `step` * index.
+        enough: Clearance [mm] beyond which the exact value does not matter; the most that
+            is told.
+        give_up: A clearance below this ends the search.
+        out: (n,) float64, written: clearance [mm], negative where the tool is in a bead.
     """
-    nx, ny, nz = birth.shape
-    last = (samples.shape[0] - 1) * step
-    for n in range(points.shape[0]):
-        best = -1e3
-        for i in range(nx):
-            for j in range(ny):
-                x = origin[0] + spacing * i - points[n, 0]
-                y = origin[1] + spacing * j - points[n, 1]
-                for k in range(nz):
-                    b = birth[i, j, k]
-                    if b >= number[n] or b < since[n]:
-                        continue
-                    z = origin[2] + spacing * k - points[n, 2]
-                    s = x * axes[n, 0] + y * axes[n, 1] + z * axes[n, 2]
-                    if s < start or s > last:
-                        continue
-                    r = math.sqrt(max(x * x + y * y + z * z - s * s, 0.0))
-                    best = max(best, samples[int(s / step)] - r)
-        out[n] = best
+    first, last = at[0], at[at.shape[0] - 1]
+    hint = -1
+    for i in range(points.shape[0]):
+        px, py, pz = points[i, 0], points[i, 1], points[i, 2]
+        ux, uy, uz = axes[i, 0], axes[i, 1], axes[i, 2]
+        count = counts[i]
+        best = enough
+        if hint >= 0 and hint * BLOCK < count:
+            best = _block_gap(
+                beads, hint * BLOCK, min((hint + 1) * BLOCK, count), px, py, pz, ux, uy, uz,
+                at, radius, best,
+            )  # fmt: skip
+        for g in range((count + BLOCK * GROUP - 1) // (BLOCK * GROUP) - 1, -1, -1):
+            if best < give_up:
+                break
+            near = max(best, 0.0)
+            if not _may_touch(
+                groups[g], px, py, pz, ux, uy, uz, first, last, widest, step, near
+            ):  # fmt: skip
+                continue
+            end = min((g + 1) * GROUP, (count + BLOCK - 1) // BLOCK)
+            for b in range(end - 1, g * GROUP - 1, -1):
+                if not _may_touch(
+                    blocks[b], px, py, pz, ux, uy, uz, first, last, widest, step, max(best, 0.0)
+                ):  # fmt: skip
+                    continue
+                gap = _block_gap(
+                    beads, b * BLOCK, min((b + 1) * BLOCK, count), px, py, pz, ux, uy, uz,
+                    at, radius, best,
+                )  # fmt: skip
+                if gap < best:
+                    best = gap
+                    hint = b
+                if best < give_up:
+                    break
+        out[i] = best

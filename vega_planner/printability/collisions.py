@@ -19,12 +19,11 @@ from vega_planner.datatypes import (
     Reason,
     ToolpathSet,
 )
-from vega_planner.parallel import map_threads
-from vega_planner.printability import bead_kernels
 from vega_planner.printability.assessment import stage_height
+from vega_planner.printability.beads import Beads
 from vega_planner.printability.certificate import certificate
-from vega_planner.printability.material import EMPTY, DistanceField, grid_for, mesh_field
-from vega_planner.printability.tool_shape import STEP_MM, ToolShape
+from vega_planner.printability.material import EMPTY, mesh_field
+from vega_planner.printability.tool_shape import ToolShape, tip_length
 from vega_planner.progress import Progress, Report
 from vega_planner.settings import PrintabilitySettings
 
@@ -36,8 +35,18 @@ __all__ = ["CollisionCheck", "certificate", "check_toolpaths", "with_check"]
 #: On travel, the tip counts too once it is this far from both ends [mm].
 FREE_MM = 2.5
 
-#: Number of a voxel no bead fills.
-_NEVER = np.iinfo(np.int32).max
+#: Beads are pressed into each other; the tool may be as deep in one and not collide [mm].
+TOUCH_MM = 0.05
+
+#: Where other poses are tried, how deep a bad one is does not matter beyond this [mm], nor
+#: how far away a good one is beyond that.
+GIVE_UP_MM, ENOUGH_MM = -0.02, 0.2
+
+#: Colliding waypoints of one pass that are asked for what they hit, at most about.
+HITS_LOOKED_AT = 20
+
+#: Waypoints checked between two reports of progress.
+AT_ONCE = 8192
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,28 +166,27 @@ def check_toolpaths(
     """
     del patches
     way = _waypoints(toolpaths)
-    near, whole = ToolShape.of(cell.tool), ToolShape.of(cell.tool, 0.0)
+    near = ToolShape.of(cell.tool, tip_length(stack.thickness_mm))
+    whole = ToolShape.of(cell.tool, 0.0)
     finest = stage_height(stack)
     gap = near.height_above(way.points, way.axes) - cell.placement.plate_z_mm
     name = np.where(gap < 0, "plate", "").astype(object)
     if cell.substrate is not None:
         field = mesh_field(cell.substrate, finest)
-        other = _clearance(field, near, whole, way, np.arange(len(gap)))
+        other = np.empty(len(gap))
+        for shape, chosen in ((near, ~way.free), (whole, way.free)):
+            other[chosen] = field.clearance(shape, way.points[chosen], way.axes[chosen], 0.3)
         name[(other < 0) & (other < gap)] = "substrate"
         gap = np.minimum(gap, other)
-    if toolpaths.passes:
-        beads = _Beads(toolpaths, way, finest)
-        stages = _stages(toolpaths, way)
-        for first in range(0, len(stages), 8):
-            pieces = stages[first : first + 8]
-            for (begin, end), other in zip(
-                pieces,
-                map_threads(lambda stage: _check_stage(beads, near, whole, way, *stage), pieces),
-            ):
-                hit = (other < 0) & (other < gap[begin:end])
-                name[begin:end][hit] = "printed_part"
-                gap[begin:end] = np.minimum(gap[begin:end], other)
-            report(Progress("checks", min(1.0, (first + 8) / len(stages))))
+    beads = Beads(toolpaths.passes, way.first)
+    for begin in range(0, len(gap), AT_ONCE):
+        index = np.arange(begin, min(begin + AT_ONCE, len(gap)))
+        for shape, chosen in ((near, ~way.free[index]), (whole, way.free[index])):
+            at = index[chosen]
+            other = beads.clearance(shape, way.points[at], way.axes[at], at) + TOUCH_MM
+            name[at[(other < 0) & (other < gap[at])]] = "printed_part"
+            gap[at] = np.minimum(gap[at], other)
+        report(Progress("checks", (begin + len(index)) / len(gap)))
     bad = np.flatnonzero(gap < -1e-9)
     return CollisionCheck(
         checked=len(gap),
@@ -226,29 +234,6 @@ def _waypoints(toolpaths: ToolpathSet) -> _Waypoints:
     )
 
 
-class _Beads:
-    """The beads on a grid, each voxel with the number of the waypoint that lays it."""
-
-    def __init__(self, toolpaths: ToolpathSet, way: _Waypoints, finest_mm: float) -> None:
-        low = np.min([path.points.min(0) for path in toolpaths.passes], axis=0)
-        high = np.max([path.points.max(0) for path in toolpaths.passes], axis=0)
-        size = max(float(path.width.max()) for path in toolpaths.passes)
-        self.origin, self.spacing, shape = grid_for(low - 0.5 * size, high + 0.5 * size, finest_mm)
-        self.birth = np.full(shape, _NEVER, np.int32)
-        for path, first in zip(toolpaths.passes, way.first):
-            bead_kernels.lay_bead(
-                path.points, path.axes, path.width, path.height, first, self.origin,
-                self.spacing, self.birth,
-            )  # fmt: skip
-
-    def field(self, until: int) -> DistanceField | None:
-        """Distance field of what is laid before a waypoint; None where that is nothing."""
-        solid = self.birth < until
-        if not solid.any():
-            return None
-        return DistanceField.of(solid, self.origin, self.spacing)
-
-
 class Surroundings:
     """What is there at any moment of a print, for trying other tool poses.
 
@@ -260,12 +245,12 @@ class Surroundings:
 
     def __init__(self, toolpaths: ToolpathSet, stack: LayerStack, cell: Workcell) -> None:
         self._way = _waypoints(toolpaths)
-        self._near = ToolShape.of(cell.tool)
+        self._near = ToolShape.of(cell.tool, tip_length(stack.thickness_mm))
         self._whole = ToolShape.of(cell.tool, 0.0)
         self._plate = cell.placement.plate_z_mm
         finest = stage_height(stack)
         self._fixed = EMPTY if cell.substrate is None else mesh_field(cell.substrate, finest)
-        self._beads = _Beads(toolpaths, self._way, finest)
+        self._beads = Beads(toolpaths.passes, self._way.first)
         starts = np.flatnonzero(np.diff(self._way.path, prepend=np.iinfo(np.int64).min))
         self._first = {int(self._way.path[k]): int(k) for k in starts}
 
@@ -277,6 +262,28 @@ class Surroundings:
         """Tell whether the tip counts at a waypoint, since it travels."""
         return bool(self._way.free[number])
 
+    def hit_patches(self, toolpaths: ToolpathSet, check: CollisionCheck) -> set[tuple[int, int]]:
+        """Find which patches the tool meets where passes collide with printed material.
+
+        Args:
+            toolpaths: The same toolpaths.
+            check: The check of them.
+
+        Returns:
+            Pairs of the patch whose bead is hit and the patch that is being printed.
+        """
+        pairs = set()
+        for number, hits in enumerate(check.of_passes(toolpaths)):
+            for k in hits[:: max(1, len(hits) // HITS_LOOKED_AT)]:
+                at = self._first[number] + int(k)
+                bead = self._beads.nearest_to(
+                    self._near, self._way.points[at], self._way.axes[at], at + 1
+                )
+                if bead >= 0:
+                    other = toolpaths.passes[int(self._way.path[bead])]
+                    pairs.add((other.patch, toolpaths.passes[number].patch))
+        return pairs
+
     def at(self, number: int) -> Callable[[Floats, Floats, Bools], Floats]:
         """Make a check of poses against what is there before a waypoint.
 
@@ -284,74 +291,33 @@ class Surroundings:
             A function of tips [mm], axes, and whether the tip counts, that gives the
             clearance [mm] of each pose.
         """
-        beads = self._beads.field(number) or EMPTY
 
         def clearance(tips: Floats, axes: Floats, free: Bools) -> Floats:
-            gap = self._near.height_above(tips, axes) - self._plate
-            for shape, chosen in ((self._near, ~free), (self._whole, free)):
-                if chosen.any():
-                    for field in (beads, self._fixed):
-                        other = field.clearance(shape, tips[chosen], axes[chosen], 0.5)
-                        gap[chosen] = np.minimum(gap[chosen], other)
-            return gap
+            return self.clearance(tips, axes, free, np.full(len(tips), number))
 
         return clearance
 
+    def clearance(self, tips: Floats, axes: Floats, free: Bools, number: Ints) -> Floats:
+        """Measure the clearance of poses, each at the time of a waypoint.
 
-def _stages(toolpaths: ToolpathSet, way: _Waypoints) -> list[tuple[int, int]]:
-    """Ranges of waypoints that print one patch, each with the travel that leads to it."""
-    starts = [0]
-    for number in range(1, len(toolpaths.passes)):
-        if toolpaths.passes[number].patch != toolpaths.passes[number - 1].patch:
-            last = toolpaths.passes[number - 1]
-            starts.append(int(way.first[number - 1]) + len(last.points))
-    return list(zip(starts, [*starts[1:], len(way.points)]))
+        Args:
+            tips: Tips [mm], shape (n, 3).
+            axes: Unit vectors from the tip back along the nozzle, shape (n, 3).
+            free: Whether the tip counts, shape (n,).
+            number: Numbers of the waypoints, shape (n,).
 
-
-def _check_stage(
-    beads: _Beads, near: ToolShape, whole: ToolShape, way: _Waypoints, begin: int, end: int
-) -> Floats:
-    """Clearance from printed material of the waypoints begin to end [mm]."""
-    index = np.arange(begin, end)
-    field = beads.field(end)
-    if field is None:
-        return np.full(end - begin, np.inf)
-    gap = _clearance(field, near, whole, way, index)
-    # what collides with the patch as a whole may still be clear of what of it is there
-    doubt = index[gap < 0]
-    if not len(doubt):
+        Returns:
+            Clearances [mm], exact only between `GIVE_UP_MM` and `ENOUGH_MM`, shape (n,).
+        """
+        gap = self._near.height_above(tips, axes) - self._plate
+        for shape, chosen in ((self._near, ~free), (self._whole, free)):
+            todo = np.flatnonzero(chosen & (gap >= 0))
+            if self._fixed is not EMPTY:
+                other = self._fixed.clearance(shape, tips[todo], axes[todo], ENOUGH_MM)
+                gap[todo] = np.minimum(gap[todo], other)
+                todo = todo[gap[todo] >= 0]
+            other = self._beads.clearance(
+                shape, tips[todo], axes[todo], number[todo], ENOUGH_MM, GIVE_UP_MM
+            )
+            gap[todo] = np.minimum(gap[todo], other)
         return gap
-    before = beads.field(begin)
-    exact = np.full(len(doubt), np.inf)
-    if before is not None:
-        exact = _clearance(before, near, whole, way, doubt)
-    open_ = exact >= 0
-    if open_.any():
-        todo = doubt[open_]
-        depth = np.empty(len(todo))
-        for shape, chosen in ((near, ~way.free[todo]), (whole, way.free[todo])):
-            if not chosen.any():
-                continue
-            out = np.empty(int(chosen.sum()))
-            poses = todo[chosen]
-            bead_kernels.depth_in_tool(
-                way.points[poses], way.axes[poses], poses, np.full(len(poses), begin),
-                beads.birth, beads.origin, beads.spacing, shape.start_mm, STEP_MM,
-                shape.inscribed, shape.samples, out,
-            )  # fmt: skip
-            depth[chosen] = out
-        exact[open_] = np.minimum(exact[open_], -depth)
-    gap[doubt - begin] = exact
-    return gap
-
-
-def _clearance(
-    field: DistanceField, near: ToolShape, whole: ToolShape, way: _Waypoints, index: Ints
-) -> Floats:
-    """Clearance of waypoints from a field: the tip counts on free travel only."""
-    gap = np.empty(len(index))
-    free = way.free[index]
-    for shape, chosen in ((near, ~free), (whole, free)):
-        poses = index[chosen]
-        gap[chosen] = field.clearance(shape, way.points[poses], way.axes[poses], 0.3)
-    return gap

@@ -21,8 +21,16 @@ from vega_planner.datatypes import Floats
 #: printed material and substrate the first millimetres do not count.
 TIP_MM = 2.0
 
+#: The same for thick layers, in layer thicknesses: their beads reach farther up the tip.
+TIP_LAYERS = 1.5
+
 #: Spacing of the profile samples [mm].
 STEP_MM = 0.25
+
+
+def tip_length(thickness_mm: float) -> float:
+    """Length of the tip [mm] that touches the beads it lays, whatever the planner does."""
+    return max(TIP_MM, TIP_LAYERS * thickness_mm)
 
 
 class Profile(Protocol):
@@ -108,6 +116,25 @@ class ToolShape:
         sine = np.sqrt(np.clip(1.0 - axes[:, 2] ** 2, 0.0, 1.0))
         low = axes[:, 2, None] * self.distance - sine[:, None] * self.radius
         return tips[:, 2] + low.min(1)
+
+    @cached_property
+    def outline(self) -> tuple[Floats, Floats, Floats]:
+        """Outline behind `start_mm`, for an exact check.
+
+        Returns:
+            Distances behind the tip and radii of its corners [mm], shape (c,), and the
+            largest radius of the tool up to s = `STEP_MM` * index [mm].
+        """
+        keep = self.distance > self.start_mm
+        at = np.concatenate([[self.start_mm], self.distance[keep]])
+        own = np.interp(self.start_mm, self.distance, self.radius)
+        along = np.arange(int(np.ceil(at[-1] / STEP_MM)) + 3) * STEP_MM
+        table = np.interp(along, self.distance, self.radius)
+        # a corner between two samples must not be missed
+        above = np.ceil(self.distance / STEP_MM).astype(np.int64)
+        np.maximum.at(table, above, self.radius)
+        widest = np.maximum.accumulate(table)
+        return at, np.concatenate([[own], self.radius[keep]]), widest
 
     @cached_property
     def _tilt_table(self) -> tuple[Floats, Floats]:

@@ -37,6 +37,7 @@ def summarise(plan: PrintPlan) -> dict[str, Any]:
         "print_time_s": round(trajectory.duration_s, 3),
         "slow_ratio": round(trajectory.slow_ratio, 6),
         "material_mm3": round(plan.coverage.deposited_mm3, 3),
+        "prime_mm3": round(plan.prime_mm3, 3),
         "coverage": {
             "under_ratio": round(plan.coverage.under_ratio, 6),
             "over_ratio": round(plan.coverage.over_ratio, 6),

@@ -9,10 +9,8 @@ implicitly: s(x) is the regressed signed distance to the border, and {s = 0} sep
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from vega_planner.datatypes import Bools, Floats, Ints, TriangleGeometry
-from vega_planner.splitting.gaussian_process import GaussianProcess
 
 #: Half width of the band round the border the regression sees: in mm, and in edges.
 BAND_MM, BAND_EDGES = 6.0, 5.0
@@ -61,6 +59,10 @@ def separating_field(
         return field, deviation
     edge_mm = float(np.sqrt(2.3 * mesh.area / max(len(mesh.faces), 1)))
     band_mm = max(BAND_MM, BAND_EDGES * edge_mm)
+    from scipy.spatial import cKDTree
+
+    from vega_planner.splitting.gaussian_process import GaussianProcess
+
     distance, _ = cKDTree(points).query(mesh.vertices, distance_upper_bound=band_mm)
     band = np.flatnonzero(np.isfinite(distance))
     target = sign[band] * np.minimum(distance[band], 0.5 * band_mm)

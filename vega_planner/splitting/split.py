@@ -66,7 +66,8 @@ def split_layers(
 
     A layer that is printable as it is gives one patch per connected piece. Where a layer
     is printed from both sides, it is cut along a regressed separating surface. What can
-    be printed from neither side is left out; the assessment's report holds it.
+    be printed from neither side is left out; the assessment's report holds it. Flat layers
+    stay whole, as an ordinary slicer keeps them: the report says where the tool touches.
 
     Args:
         stack: The layers.
@@ -108,7 +109,7 @@ def _split_sheet(item: tuple[int, Layer, SheetAssessment]) -> list[Patch]:
     number, layer, sheet = item
     outside = sheet.outside
     inside = sheet.inside or outside
-    label = sheet.side
+    label = np.full_like(sheet.side, OUTSIDE) if layer.kind == "planar" else sheet.side
     crumb = CRUMB * float(layer.thickness.min()) ** 2 if len(layer.thickness) else 0.0
     piece = _Piece(
         layer.vertices, layer.faces, layer.thickness, outside.axes, inside.axes,

@@ -15,6 +15,7 @@ from vega_planner.toolpaths.isoline_kernels import area_above
 from vega_planner.toolpaths.isolines import (
     CELL,
     Line,
+    cornered,
     isolines,
     levels_of,
     off_levels,
@@ -77,7 +78,7 @@ def contour_lines(
     fitted = fitted_spacing(rim.depth, spacing)
     field = off_levels(rim.levels(fitted))
     values = vertex_values(patch, rim.cells(fitted), rim.distance)
-    lines = isolines(surface, field, values, math.floor(field.max()))
+    lines = cornered(isolines(surface, field, values, math.floor(field.max())), fitted)
     ridge = ridge_vertices(surface, rim.gradient)
     return _fill_middles(surface, field, values, lines, ridge, fitted), fitted
 

@@ -21,6 +21,10 @@ from vega_planner.toolpaths.coverage_kernels import (
 #: half that a neighbour covers.
 UNCOVERED_RATIO = 0.55
 
+#: Places on the way from one line to the next at which the nearest pass is asked; odd, so
+#: that the middle is one.
+_ACROSS = 15
+
 
 def deposited_volume(paths: Iterable[Toolpath]) -> float:
     """Volume of the beads [mm³]: section times length."""
@@ -113,6 +117,11 @@ def uncovered_area(
 def pass_gaps(paths: Sequence[Toolpath], spacing_mm: float) -> tuple[Floats, Floats]:
     """Measure the distances between neighbouring lines of the passes of a patch.
 
+    A distance is the width of the bare strip between two lines: straight across from the
+    middle of a segment to the line beside it. Where a third line comes between them (the
+    end of a pass, the turn of a spiral that leaves its rim) it is twice the largest
+    distance from any pass on that way.
+
     Args:
         paths: The passes.
         spacing_mm: Set spacing [mm]; gaps of more than 1.6 of it are no neighbours.
@@ -121,12 +130,22 @@ def pass_gaps(paths: Sequence[Toolpath], spacing_mm: float) -> tuple[Floats, Flo
         Distances over the set spacing, one for each side of each segment that has a
         neighbour there, and the lengths of those segments [mm], both of shape (k,).
     """
-    grid = _Grid.of(paths, 1.6 * spacing_mm)
     least, most = 0.3 * spacing_mm, 1.6 * spacing_mm
+    grid = _Grid.of(paths, most)
     a, b = grid.lines
     begin, items, corner, size, shape = grid.cells
-    gaps = gaps_beside(a, b, grid.axes, begin, items, corner, size, shape, least, most)
+    gaps, way = gaps_beside(a, b, grid.axes, begin, items, corner, size, shape, least, most)
     length = np.linalg.norm(b - a, axis=1)
+    wide = np.argwhere(gaps > spacing_mm)
+    if len(wide):
+        row, side = wide.T
+        part = (np.arange(_ACROSS) + 0.5) / _ACROSS
+        middle = 0.5 * (a[row] + b[row])
+        points = middle[:, None] + part[:, None] * way[row, side][:, None]
+        near = distance_to_segments(
+            points.reshape(-1, 3), a, b, begin, items, corner, size, shape
+        ).reshape(len(wide), _ACROSS)
+        gaps[row, side] = np.minimum(gaps[row, side], 2.0 * near.max(1))
     has = gaps > 0
     return gaps[has] / spacing_mm, np.column_stack([length, length])[has]
 
@@ -156,12 +175,13 @@ def measure_coverage(
 
     Args:
         patches: What is printed, in print order.
-        toolpaths: The passes.
+        toolpaths: The passes; a prime line does not count.
         stack: The layers.
         width_mm: Nominal bead width.
     """
     by_patch: list[list[Toolpath]] = [[] for _ in patches]
-    for path in toolpaths.passes:
+    printed = [path for path in toolpaths.passes if path.patch >= 0]
+    for path in printed:
         by_patch[path.patch].append(path)
     bare = 0.0
     for patch, paths in zip(patches, by_patch):
@@ -170,7 +190,7 @@ def measure_coverage(
         bare += thickness * uncovered_area(patch, paths, UNCOVERED_RATIO * spacing)
     volume = max(stack.part.volume, 1e-9)
     claimed = sum(volume_to_fill(patch) for patch in patches)
-    deposited = deposited_volume(toolpaths.passes)
+    deposited = deposited_volume(printed)
     return Coverage(
         under_ratio=stack.uncovered_ratio + bare / volume,
         over_ratio=stack.overfill_ratio + max(0.0, deposited - claimed) / volume,

@@ -119,9 +119,11 @@ def gaps_beside(a, b, axes, begin, items, corner, size, shape, nearest, farthest
         farthest: Largest distance counted.
 
     Returns:
-        Distances to the left and to the right, shape (n, 2); -1 without a neighbour.
+        Distances to the left and to the right, shape (n, 2), -1 without a neighbour; and
+        the ways there, from the middle of the segment, shape (n, 2, 3).
     """
     out = np.full((a.shape[0], 2), -1.0)
+    way = np.zeros((a.shape[0], 2, 3))
     at = np.empty(3, np.int64)
     m = np.empty(3)
     t = np.empty(3)
@@ -165,4 +167,5 @@ def gaps_beside(a, b, axes, begin, items, corner, size, shape, nearest, farthest
                         side = 0 if x * sx + y * sy + z * sz > 0.0 else 1
                         if out[p, side] < 0.0 or d < out[p, side]:
                             out[p, side] = d
-    return out
+                            way[p, side, 0], way[p, side, 1], way[p, side, 2] = x, y, z
+    return out, way

@@ -35,6 +35,8 @@ def lines_in_gaps(
     candidates: Bools,
     levels: Floats,
     spacing: float,
+    lonely: float = LONELY,
+    shortest: float = _SHORTEST,
 ) -> list[Line]:
     """Lay lines along the middle of what other lines leave.
 
@@ -45,6 +47,8 @@ def lines_in_gaps(
         candidates: Vertices that may lie in a gap, shape (n,).
         levels: Field whose whole part becomes the level of the lines, shape (n,).
         spacing: Spacing of the pattern [mm].
+        lonely: A place farther than this from any line lies in a gap, in spacings.
+        shortest: Shorter lines are left out, in spacings.
 
     Returns:
         Open lines, each as wide as half the gap it lies in.
@@ -53,17 +57,17 @@ def lines_in_gaps(
     if not len(asked) or not lines:
         return []
     distance = distances_to_lines(surface.vertices[asked], lines, spacing)
-    lonely = np.full(len(surface.vertices), 0.3)
-    lonely[asked] = np.maximum(distance / spacing, 0.3)
-    if lonely.max() <= LONELY:
+    away = np.full(len(surface.vertices), 0.3)
+    away[asked] = np.maximum(distance / spacing, 0.3)
+    if away.max() <= lonely:
         return []
     values = values.copy()
-    values[:, CELL] = np.clip(lonely, LONELY, 1.0) * spacing
+    values[:, CELL] = np.clip(away, lonely, 1.0) * spacing
     found = []
-    for loop in isolines(surface, off_levels(lonely - LONELY), values, 0):
+    for loop in isolines(surface, off_levels(away - lonely), values, 0):
         if not loop.closed:
             continue
-        line = middle_of(loop, int(np.floor(levels[loop.above])) + 1, spacing)
+        line = middle_of(loop, int(np.floor(levels[loop.above])) + 1, spacing, shortest)
         if line is not None:
             found.append(line)
     return found
@@ -87,10 +91,10 @@ def distances_to_lines(points: Floats, lines: list[Line], limit: float) -> Float
     return distance_to_segments(points, a, b, begin, items, low, limit, shape)
 
 
-def middle_of(loop: Line, level: int, spacing: float) -> Line | None:
+def middle_of(loop: Line, level: int, spacing: float, shortest: float = _SHORTEST) -> Line | None:
     """Make the line between the two sides of a thin loop; None where it is too short."""
     rows = middle_line(loop.rows)
     rows[:, AXIS] /= np.linalg.norm(rows[:, AXIS], axis=1, keepdims=True)
-    if float(np.linalg.norm(rows[-1, POSITION] - rows[0, POSITION])) < _SHORTEST * spacing:
+    if float(np.linalg.norm(rows[-1, POSITION] - rows[0, POSITION])) < shortest * spacing:
         return None
     return Line(rows, level, False, loop.component, loop.above)

@@ -3,11 +3,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vega_planner.datatypes import Floats, Ints, Patch
+from vega_planner.toolpaths.corner_kernels import with_corners
 from vega_planner.toolpaths.isoline_kernels import gather, trace_isolines
 from vega_planner.toolpaths.surface import Surface
 from vega_planner.toolpaths.topology_kernels import vertex_normals
@@ -21,6 +22,10 @@ COLUMNS = 12
 #: A vertex this near a level (as part of the spacing) is moved off it, so that a line
 #: never runs through a vertex.
 _OFF_LEVEL = 1e-7
+
+#: The place outside a loop's corner is no farther from it and the next loop than this, in
+#: spacings; less sharp corners than this [rad] leave no such place.
+_WIDEST, _SHARP = 0.545, 0.7
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +87,23 @@ def isolines(surface: Surface, field: Floats, values: Floats, top: int) -> list[
         )
     lines.sort(key=lambda line: line.level)
     return lines
+
+
+def cornered(lines: list[Line], spacing: float) -> list[Line]:
+    """Draw the blunt corners of loops out, so that what lies outside them is covered.
+
+    Args:
+        lines: Loops `spacing` apart, inside to their left; open lines are left alone.
+        spacing: Distance between them [mm].
+    """
+    return [
+        replace(
+            line, rows=with_corners(line.rows, NORMAL.start, spacing, _WIDEST * spacing, _SHARP)
+        )
+        if line.closed
+        else line
+        for line in lines
+    ]
 
 
 def vertex_values(patch: Patch, cell: Floats | float, rim_distance: Floats) -> Floats:

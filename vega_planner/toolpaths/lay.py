@@ -29,16 +29,26 @@ from vega_planner.toolpaths.bead import (
     section_area,
 )
 from vega_planner.toolpaths.contour import contour_lines
-from vega_planner.toolpaths.isolines import AXIS, CELL, NORMAL, POSITION, THICKNESS, Line
-from vega_planner.toolpaths.linking import Pass, link_lines, link_loops
+from vega_planner.toolpaths.isolines import (
+    AXIS,
+    CELL,
+    NORMAL,
+    POSITION,
+    THICKNESS,
+    Line,
+    vertex_values,
+)
+from vega_planner.toolpaths.linking import Pass, attach_lines, link_lines, link_loops
 from vega_planner.toolpaths.planar import concentric_lines, is_flat, parallel_lines
 from vega_planner.toolpaths.polyline_kernels import line_length, resample
 from vega_planner.toolpaths.rim import Ground, ground_of
+from vega_planner.toolpaths.sequence import shortest_sequence
 from vega_planner.toolpaths.smoothing_kernels import smooth_axes, without_crowding
 from vega_planner.toolpaths.spiral import spiral_passes
 from vega_planner.toolpaths.surface import connect
 from vega_planner.toolpaths.travel import TravelPlanner
-from vega_planner.toolpaths.zigzag import zigzag_lines
+from vega_planner.toolpaths.wedges import wedge_lines
+from vega_planner.toolpaths.zigzag import Zigzag, zigzag_lines
 
 if TYPE_CHECKING:
     from vega_planner.robot.workcell import Workcell
@@ -54,9 +64,15 @@ CROWDED_MM, CALM_MM = 0.03, 1.0
 #: Shorter passes are left out: nothing flows in the time they take.
 SHORTEST_MM = 0.3
 
+#: A line in a wedge that no pass ends near is laid if it is this long, in spacings.
+_ALONE = 0.9
+
 #: The seam, where loops start, moves on by this from one patch to the next but one, so
 #: that seams do not pile up and the way to the next start stays short.
 _SEAM_TURN_DEG = 25.0
+
+#: A pass that rises by more than this from one end to the other is printed upwards [mm].
+_CLIMB_MM = 1.5
 
 #: The flow of a patch is changed by at most this part to get its volume right.
 _MOST_BALANCE = 0.03
@@ -100,7 +116,7 @@ def lay_toolpaths(
         )
     report(Progress("toolpaths", 0.8, detail="travel"))
     paths = _in_order([found for found, _ in passes], patches, settings)
-    moves, warnings = _moves(paths, cell, report)
+    moves, warnings = plan_moves(paths, cell, report)
     loops = sum(not nested for _, nested in passes)
     if loops:
         warnings += (f"{loops} patches are no single nest of loops: loops instead of a spiral",)
@@ -194,14 +210,18 @@ def patch_passes(
         found = link_loops(lines, spacing, longest, toward)
     elif settings.pattern == "zigzag":
         angle = settings.angle_deg + 90.0 * (patch.layer % 2)
-        if flat:
-            loops, lines, guides = parallel_lines(surface, patch, spacing, angle)
+        if flat or is_flat(patch):
+            loops, lines, guides = parallel_lines(surface, patch, spacing, angle, inside=flat)
+            nowhere = np.zeros(len(patch.vertices))
+            laid = Zigzag(loops, lines, guides, vertex_values(patch, spacing, nowhere))
         else:
-            loops, lines, guides = zigzag_lines(
-                surface, patch, spacing, angle, ground=ground, euclidean=euclidean
-            )
-        lines = [_scaled(line, flow) for line in lines]
-        found = link_lines(loops, lines, guides, spacing, longest, toward)
+            laid = zigzag_lines(surface, patch, spacing, angle, ground=ground, euclidean=euclidean)
+        lines = [_scaled(line, flow) for line in laid.lines]
+        found = link_lines(laid.loops, lines, laid.guides, spacing, longest, toward)
+        if laid.lines and not (flat or euclidean):
+            wedges = wedge_lines(laid.loops, found, patch.vertices, laid.values, spacing)
+            wedges = [_scaled(line, flow) for line in wedges]
+            found = attach_lines(found, wedges, longest, _ALONE * spacing)
     else:
         lines, used = contour_lines(surface, patch, spacing, ground=ground, euclidean=euclidean)
         lines = [_scaled(line, flow) for line in lines]
@@ -259,19 +279,16 @@ def _calm(item: Pass) -> Floats:
 def _in_order(
     found: list[list[Pass]], patches: tuple[Patch, ...], settings: ToolpathSettings
 ) -> list[Toolpath]:
-    """Choose the end each pass starts at, nearest to where the one before ended."""
+    """Put the passes of each patch in order, from where the one before ended."""
     paths: list[Toolpath] = []
     at: Floats | None = None
     for index, group in enumerate(found):
-        waiting = list(group)
-        while waiting:
-            n, backwards = 0, False
-            if at is not None:
-                heads = [float(np.linalg.norm(w.rows[0, POSITION] - at)) for w in waiting]
-                tails = [float(np.linalg.norm(w.rows[-1, POSITION] - at)) for w in waiting]
-                n = int(np.argmin(np.minimum(heads, tails)))
-                backwards = tails[n] < heads[n]
-            item = waiting.pop(n)
+        for n, backwards in shortest_sequence(group, at):
+            item = group[n]
+            rise = float(item.rows[-1, POSITION][2] - item.rows[0, POSITION][2])
+            if abs(rise) > _CLIMB_MM:
+                # the nozzle stands steep beside a wall: upwards, it stays above what is there
+                backwards = rise < 0
             rows = item.rows[::-1] if backwards else item.rows
             paths.append(_toolpath(rows, item.closed, index, patches[index].layer, settings))
             at = rows[-1, POSITION]
@@ -296,10 +313,19 @@ def _width(rows: Floats, settings: ToolpathSettings) -> Floats:
     return fill_width(rows[:, CELL], height, nominal)
 
 
-def _moves(
+def plan_moves(
     paths: list[Toolpath], cell: Workcell, report: Report
 ) -> tuple[list[Travel], tuple[str, ...]]:
-    """Find the moves between passes, before the first and after the last."""
+    """Find the moves between passes, before the first and after the last.
+
+    Args:
+        paths: Passes in print order.
+        cell: Plate and tool.
+        report: Told how far it is; may raise `Cancelled`.
+
+    Returns:
+        One move more than there are passes, and warnings.
+    """
     if not paths:
         return [], ()
     low = np.min([path.points.min(0) for path in paths], axis=0)

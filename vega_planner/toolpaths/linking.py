@@ -11,6 +11,11 @@ from vega_planner.datatypes import Floats
 from vega_planner.toolpaths.isolines import POSITION, Line
 from vega_planner.toolpaths.polyline_kernels import line_length, nearest_on, unroll
 
+#: Rise from one line to the next, over the longest link, from which on a pass climbs or
+#: descends. It does not do both: one that descends is turned round, so that walls are
+#: printed upwards.
+LEVEL_RATIO = 0.1
+
 
 @dataclass(frozen=True, eq=False)
 class Pass:
@@ -71,6 +76,7 @@ def _walk(line: Line, start: int, waiting: list[Line], spacing: float, longest: 
     if not line.closed:
         forward = start < len(line.rows) / 2
     pieces: list[Floats] = []
+    trend = 0
     while True:
         if line.closed:
             # no link fills the slot at the very first loop: it is left narrower
@@ -78,7 +84,7 @@ def _walk(line: Line, start: int, waiting: list[Line], spacing: float, longest: 
             rows = unroll(line.rows, segment, place, forward, gap)
         else:
             rows = line.rows if forward else line.rows[::-1]
-        found = _nearest(rows[-1], line, waiting, longest)
+        found = _nearest(rows[-1], line, waiting, longest, trend)
         if found is None:
             if line.closed:
                 rows = unroll(line.rows, segment, place, forward, 0.0)
@@ -88,6 +94,7 @@ def _walk(line: Line, start: int, waiting: list[Line], spacing: float, longest: 
         n, segment, place = found
         before = line
         line = waiting.pop(n)
+        trend = trend or _slope(before, line, longest)
         if line.closed:
             forward = not forward if before.closed else forward
         else:
@@ -97,7 +104,7 @@ def _walk(line: Line, start: int, waiting: list[Line], spacing: float, longest: 
 
 
 def _nearest(
-    row: Floats, line: Line, waiting: list[Line], longest: float
+    row: Floats, line: Line, waiting: list[Line], longest: float, trend: int
 ) -> tuple[int, int, float] | None:
     """Find the line to go on with: its index, and where it is to be entered."""
     best, found = longest, None
@@ -106,6 +113,8 @@ def _nearest(
             break
         if other.level < line.level - 1 or other.component != line.component:
             continue
+        if trend * _slope(line, other, longest) < 0:
+            continue
         if other.closed:
             distance, segment, place = nearest_on(other.rows, True, row)
         else:
@@ -113,6 +122,13 @@ def _nearest(
         if distance < best:
             best, found = distance, (n, int(segment), float(place))
     return found
+
+
+def _slope(line: Line, other: Line, longest: float) -> int:
+    """Tell whether a line lies higher (1) or lower (-1) than the one before, or about level."""
+    z = POSITION.start + 2
+    rise = float(other.rows[:, z].mean() - line.rows[:, z].mean())
+    return int(np.sign(rise)) if abs(rise) > LEVEL_RATIO * longest else 0
 
 
 def _nearest_end(rows: Floats, row: Floats) -> tuple[float, int, float]:
@@ -136,23 +152,30 @@ def link_lines(
 ) -> list[Pass]:
     """Join the rim's loops and the lines inside them into passes, back and forth.
 
+    Each piece of the patch begins at one side with its rim, which is opened there, and
+    goes on with the line next to it, so that it ends at the other side.
+
     Args:
         loops: Loops along the rim.
         lines: Lines inside.
         guides: Curves that longer links follow.
         spacing: Distance between lines [mm].
         longest: Longest link [mm].
-        toward: Horizontal direction in which the first pass starts, shape (3,).
+        toward: Horizontal direction in which loops without lines inside start, shape (3,).
 
     Returns:
         Passes in order.
     """
-    passes = link_loops(loops, spacing, longest, toward)
-    waiting = list(lines)
-    at = passes[-1].rows[-1] if passes else None
+    rims, waiting = list(loops), list(lines)
+    passes: list[Pass] = []
+    at: Floats | None = None
     while waiting:
-        n, forward, _ = _closest_end(waiting, at)
+        n, forward = _first_line(waiting, at)
         pieces: list[Floats] = []
+        head = waiting[n].rows[0 if forward else -1]
+        rim = _opened_rim(rims, waiting[n].component, head, spacing, longest)
+        if rim is not None:
+            pieces.append(rim)
         while True:
             line = waiting.pop(n)
             rows = line.rows
@@ -169,7 +192,81 @@ def link_lines(
                 target = waiting[n].rows[0 if forward else -1]
                 pieces.append(_along_guide(guides, at, target))
         passes.append(Pass(np.concatenate(pieces), False))
-    return passes
+    return link_loops(rims, spacing, longest, toward) + passes
+
+
+def _first_line(lines: list[Line], at: Floats | None) -> tuple[int, bool]:
+    """Choose a line at a side of what is left, and whether it is walked from its head."""
+    side = []
+    for piece in {line.component for line in lines}:
+        levels = [line.level for line in lines if line.component == piece]
+        side += [
+            n
+            for n, line in enumerate(lines)
+            if line.component == piece and line.level in (min(levels), max(levels))
+        ]
+    side.sort()
+    if at is None:
+        lowest = min(side, key=lambda n: (lines[n].component, lines[n].level))
+        return lowest, True
+    n, forward, _ = _closest_end([lines[k] for k in side], at)
+    return side[n], forward
+
+
+def _opened_rim(
+    rims: list[Line], component: int, head: Floats, spacing: float, longest: float
+) -> Floats | None:
+    """Take the loop nearest to the head of a line, opened there, out of the list."""
+    best, found = longest, None
+    for n, rim in enumerate(rims):
+        if rim.component != component or not rim.closed:
+            continue
+        distance, segment, place = nearest_on(rim.rows, True, head)
+        if distance < best:
+            best, found = distance, (n, int(segment), float(place))
+    if found is None:
+        return None
+    n, segment, place = found
+    # no link fills the slot where the loop starts: it is left narrower
+    return unroll(rims.pop(n).rows, segment, place, True, 0.0 * spacing)
+
+
+def attach_lines(
+    passes: list[Pass], lines: list[Line], longest: float, alone: float
+) -> list[Pass]:
+    """Put short lines at the ends of passes where they are near enough, else on their own.
+
+    Args:
+        passes: Passes, none of them closed.
+        lines: Open lines.
+        longest: Longest link [mm].
+        alone: A line that is near no end of a pass is left out if it is shorter [mm].
+
+    Returns:
+        The passes, some of them longer, and new ones.
+    """
+    result = list(passes)
+    waiting = list(lines)
+    while waiting:
+        best: tuple[float, int, int, bool, bool] | None = None
+        for k, item in enumerate(result):
+            if item.closed:
+                continue
+            for at_end in (True, False):
+                n, forward, distance = _closest_end(waiting, item.rows[-1 if at_end else 0])
+                if distance < longest and (best is None or distance < best[0]):
+                    best = (distance, k, n, at_end, forward)
+        if best is None:
+            line = waiting.pop(0)
+            if line_length(line.rows, False) >= alone:
+                result.append(Pass(line.rows, False))
+            continue
+        _, k, n, at_end, forward = best
+        rows = waiting.pop(n).rows
+        rows = rows if forward else rows[::-1]
+        pieces = [result[k].rows, rows] if at_end else [rows[::-1], result[k].rows]
+        result[k] = Pass(np.concatenate(pieces), False)
+    return result
 
 
 def _closest_end(lines: list[Line], at: Floats | None) -> tuple[int, bool, float]:

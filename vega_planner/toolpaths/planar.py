@@ -7,6 +7,7 @@ This is the planar baseline. The outer side of the first wall lies on the outlin
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ from vega_planner.toolpaths.isolines import (
     THICKNESS,
     Line,
 )
-from vega_planner.toolpaths.polyline_kernels import line_length, middle_line
+from vega_planner.toolpaths.polyline_kernels import line_length, middle_line, nearest_on
 from vega_planner.toolpaths.surface import Surface
 
 #: Lines end this far inside the outline, in spacings: room for the wall, and for the
@@ -33,8 +34,14 @@ _LINK_ROOM = 1.35
 #: A strip narrower than twice this, in spacings, gets one line instead of two walls.
 _TWO_WALLS = 0.65
 
+#: Cosine of the tilt up to which a patch counts as printed upright (0.1 deg).
+UPRIGHT = 1 - 2e-6
+
 #: A blob between walls with more area than this, in spacings squared, gets a bead.
 _BLOB = 0.2
+
+#: A loop does not reach out to a place nearer than this [spacings].
+_NO_SPIKE = 0.15
 
 
 def outline(surface: Surface) -> list[Floats]:
@@ -69,7 +76,7 @@ def region(surface: Surface) -> Any:
 
 
 def parallel_lines(
-    surface: Surface, patch: Patch, spacing: float, angle_deg: float
+    surface: Surface, patch: Patch, spacing: float, angle_deg: float, *, inside: bool = True
 ) -> tuple[list[Line], list[Line], list[Line]]:
     """Lay a wall along the outline and straight lines inside it.
 
@@ -78,6 +85,7 @@ def parallel_lines(
         patch: A flat patch, normals along z.
         spacing: Distance between lines [mm].
         angle_deg: Direction of the lines about z [deg].
+        inside: As for `concentric_lines`.
 
     Returns:
         The walls, the lines, and the curves that links between lines follow.
@@ -87,14 +95,14 @@ def parallel_lines(
     shape = region(surface)
     height = float(patch.vertices[:, 2].mean())
     thickness = float(patch.thickness.mean())
-    inset = 0.5 * spacing + 0.5 * ROUNDING * thickness
+    inset = 0.5 * spacing + (0.5 * ROUNDING * thickness if inside else 0.0)
     walls = [
         _line(ring, True, 0, height, thickness, spacing) for ring in _rings(_offset(shape, -inset))
     ]
-    inside = _offset(shape, -_LINK_ROOM * spacing)
-    if inside.is_empty:
-        return concentric_lines(surface, patch, spacing), [], []
-    guides = [_line(ring, True, 0, height, thickness, spacing) for ring in _rings(inside)]
+    room = _offset(shape, -_LINK_ROOM * spacing)
+    if room.is_empty:
+        return concentric_lines(surface, patch, spacing, inside=inside), [], []
+    guides = [_line(ring, True, 0, height, thickness, spacing) for ring in _rings(room)]
     angle = math.radians(angle_deg)
     along = np.array([math.cos(angle), math.sin(angle)])
     across = np.array([-along[1], along[0]])
@@ -107,7 +115,7 @@ def parallel_lines(
     for level in range(count):
         offset = low + (level + 0.5) * step
         cut = shapely.LineString([first * along + offset * across, last * along + offset * across])
-        for piece in getattr(cut.intersection(inside), "geoms", [cut.intersection(inside)]):
+        for piece in getattr(cut.intersection(room), "geoms", [cut.intersection(room)]):
             if piece.geom_type == "LineString" and piece.length > 0.5 * spacing:
                 points = np.asarray(piece.coords)
                 lines.append(_line(points, False, level, height, thickness, step))
@@ -123,7 +131,7 @@ def _offset(shape: Any, distance: float) -> Any:
 
 def is_flat(patch: Patch) -> bool:
     """Tell whether a patch is horizontal and printed upright."""
-    return bool(np.ptp(patch.vertices[:, 2]) < 1e-3 and patch.tool_axes[:, 2].min() > 1 - 1e-9)
+    return bool(np.ptp(patch.vertices[:, 2]) < 1e-3 and patch.tool_axes[:, 2].min() > UPRIGHT)
 
 
 def concentric_lines(
@@ -162,12 +170,38 @@ def concentric_lines(
         taken = sum(cell * _length(points, closed) for points, closed, cell in found)
         length = sum(_length(ring, True) for ring in rings)
         cell = (left.area - rest.area - taken) / max(length, 1e-9)
-        for ring in rings:
-            lines.append(_line(ring, True, level, height, thickness, cell))
+        around = [_line(ring, True, level, height, thickness, cell) for ring in rings]
         for points, closed, width in found:
-            lines.append(_line(points, closed, level, height, thickness, width))
+            line = _line(points, closed, level, height, thickness, width)
+            if not (len(points) == 2 and _with_spike(around, line, spacing)):
+                lines.append(line)
+        lines += around
         left, inset, level = rest, 0.5 * spacing, level + 1
     return lines
+
+
+def _with_spike(around: list[Line], blob: Line, spacing: float) -> bool:
+    """Let the nearest loop reach into a corner that a short bead was to fill.
+
+    A bead of half a millimetre is not worth a move there and back. The loop that is
+    near enough goes to its middle and back and lays its volume on the way.
+    """
+    middle = blob.rows.mean(0)
+    nearest, at = spacing, (-1, 0, 0.0)
+    for n, line in enumerate(around):
+        distance, segment, place = nearest_on(line.rows, True, middle)
+        if distance < nearest:
+            nearest, at = float(distance), (n, int(segment), float(place))
+    n, segment, place = at
+    if n < 0 or nearest < _NO_SPIKE * spacing:
+        return False
+    rows = around[n].rows
+    foot = (1 - place) * rows[segment] + place * rows[(segment + 1) % len(rows)]
+    spike = np.array([foot, middle, foot])
+    spike[:, CELL] = blob.rows[0, CELL] * line_length(blob.rows, False) / (2 * nearest)
+    spike = np.vstack([foot, spike, foot])
+    around[n] = replace(around[n], rows=np.insert(rows, segment + 1, spike, axis=0))
+    return True
 
 
 def _polygons(shape: Any) -> list[Any]:

@@ -141,25 +141,30 @@ def _first_bead(
 ) -> Floats:
     """Place, end and strip of the first bead at the vertices of the rim, shape (k, 3).
 
-    With b the direction into the patch, a the tool axis and n the normal of the ground,
-    the round side of the bead, of radius h/2, touches the ground when its centre is
-    h/2 sqrt((b.n)^2 + (a.n)^2) above it.
+    With b the direction into the patch, a the tool axis, s the direction square to it in
+    the plane of the two, and n the normal of the ground, the round side of the bead, of
+    radius h/2, touches the ground when its centre is h/2 sqrt((s.n)^2 + (a.n)^2) above it,
+    and (w - h)/2 s.n more where the bead is w wide.
     """
     inward = _inward(surface)[rim]
     height, normal = ground(surface.vertices[rim])
     h = patch.thickness[rim]
     rise = np.einsum("ij,ij->i", inward, normal)
     along = np.einsum("ij,ij->i", patch.tool_axes[rim], normal)
+    leaning = np.einsum("ij,ij->i", patch.tool_axes[rim], inward)
+    side = (rise - leaning * along) / np.sqrt(np.maximum(1.0 - leaning**2, 1e-6))
     width = spacing + ROUNDING * h
-    need = 0.5 * h * np.hypot(rise, along) - height
+    need = 0.5 * h * np.hypot(side, along) - height
     steep = rise > _FLATTEST
     centre = np.where(steep, need / np.where(steep, rise, 1.0), 0.0)
+    # The flat part of the section reaches this far towards the ground for its length.
+    part = np.where(steep, np.maximum(side, _FLATTEST) / np.where(steep, rise, 1.0), 1.0)
     # Where the round side of a bead half a spacing inside the rim is clear, all is well.
-    touches = steep & (centre + 0.5 * (width - h) > 0.5 * spacing + 1e-6)
-    first = np.maximum(0.5 * width, centre + 0.5 * _FLAT_PART)
-    first = np.where(touches, np.minimum(first, centre + 0.5 * (width - h)), 0.5 * spacing)
+    touches = steep & (centre + 0.5 * (width - h) * part > 0.5 * spacing + 1e-6)
+    first = np.maximum(0.5 * width, centre + 0.5 * _FLAT_PART * part)
+    first = np.where(touches, np.minimum(first, centre + 0.5 * (width - h) * part), 0.5 * spacing)
     first = np.where(touches, np.maximum(first, 0.5 * spacing), first)
-    own = np.where(touches, np.minimum(h + 2 * (first - centre), width), width)
+    own = np.where(touches, np.minimum(h + 2 * (first - centre) / part, width), width)
     cell = own - ROUNDING * h
     filled = np.where(touches, first + 0.5 * cell, spacing)
     return np.column_stack([first, filled, cell])

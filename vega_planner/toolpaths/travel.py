@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Protocol
 
 import numpy as np
@@ -13,12 +14,17 @@ from vega_planner.toolpaths.clearance_kernels import is_clear, raise_map
 
 #: Distance along the nozzle that is left and approached first [mm].
 RETRACT_MM = 3.0
+#: Less is enough to a pass that starts as near as this [mm].
+_SHORT_RETRACT_MM, _NEAR_MM = 1.5, 25.0
+#: More is tried where the tool stands in a narrow place [mm].
+_LONG_RETRACTS_MM = (6.0, 12.0, 20.0, 32.0, 48.0)
 #: Room between the tool and what is printed, or the plate [mm].
 _ROOM_MM = 0.3
-#: Cells of the height map [mm].
-_CELL_MM = 1.0
-#: Hops that are tried [mm].
+#: Cells of the coarse height map, which answers most questions, and of the fine one [mm].
+_CELL_MM, _FINE_MM = 1.0, 0.25
+#: Hops that are tried [mm], and how far the nozzle is turned upright on them.
 _HOPS_MM = (0.0, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
+_UPRIGHT = (0.0, 0.5, 1.0)
 #: Longest way drawn back along the nozzle [mm].
 _REACH_MM = 60.0
 #: Largest distance and largest turn between points of a move.
@@ -106,8 +112,11 @@ class TravelPlanner:
             profile: The tool.
         """
         self._corner = np.asarray(low[:2], dtype=float) - 2.0
-        cells = np.ceil((np.asarray(high[:2]) + 2.0 - self._corner) / _CELL_MM).astype(int) + 1
-        self._heights = np.full(tuple(cells), plate_z_mm)
+        extent = np.asarray(high[:2]) + 2.0 - self._corner
+        self._maps = [
+            (size, np.full(tuple(np.ceil(extent / size).astype(int) + 1), float(plate_z_mm)))
+            for size in (_CELL_MM, _FINE_MM)
+        ]
         self._floor = self._top = float(plate_z_mm)
         self._ceiling = float(high[2])
         self._distance = np.array(profile.distance, dtype=float)
@@ -126,7 +135,8 @@ class TravelPlanner:
             rise: How far it reaches above them [mm], shape (k,).
             reach: How far it reaches to the sides [mm].
         """
-        raise_map(self._heights, self._corner, _CELL_MM, points, reach, rise)
+        for size, heights in self._maps:
+            raise_map(heights, self._corner, size, points, reach, rise)
         self._top = max(self._top, float((points[:, 2] + rise).max()))
 
     def arrive(self, path: Toolpath) -> Travel:
@@ -140,39 +150,46 @@ class TravelPlanner:
     def move(self, before: Toolpath, after: Toolpath) -> Travel:
         """Make the move from the end of one pass to the start of the next.
 
-        The lowest hop that is clear is taken. Where none is, the tool draws back along
-        its axis until it is above everything, and `blocked` counts it.
+        The shortest way back, hop and way down that is clear is taken. Where none is, the
+        tool draws back along its axis until it is above everything, and `blocked` counts it.
         """
         a, u = before.points[-1], before.axes[-1]
         b, v = after.points[0], after.axes[0]
-        back, front = a + RETRACT_MM * u, b + RETRACT_MM * v
-        up = np.array([0.0, 0.0, 1.0])
-        for hop in _HOPS_MM:
-            level = max(back[2], front[2]) + hop
-            for lean in (0.0, 0.5):
-                points = [back, front]
-                axes = [u, v]
-                if hop > 0:
-                    points = [back, _at(back, level), _at(front, level), front]
-                    axes = [u, slerp_one(u, up, lean), slerp_one(v, up, lean), v]
-                way = polyline_of_poses(points, axes)
-                if self._clear(way):
-                    return _joined(a, u, way, b, v)
-                if hop == 0:
-                    break
-            if level > self._top + _REACH_MM:
-                break
+        for way in self._ways(a, u, b, v):
+            if self._clear(way):
+                return _joined(a, u, way, b, v)
         self.blocked += 1
         out, out_axes = self._column(a, u, 1)
         into, into_axes = self._column(b, v, -1)
         return polyline_of_poses(out + into, out_axes + into_axes)
 
+    def _ways(self, a: Floats, u: Floats, b: Floats, v: Floats) -> Iterator[Travel]:
+        """Ways between two poses: first short retracts with rising hops, then longer ones."""
+        up = np.array([0.0, 0.0, 1.0])
+        near = float(np.linalg.norm(b - a)) < _NEAR_MM
+        plain = [(r, h) for h in _HOPS_MM for r in ((_SHORT_RETRACT_MM,) * near + (RETRACT_MM,))]
+        far = [(r, h) for r in _LONG_RETRACTS_MM for h in _HOPS_MM]
+        tries = sorted(plain + far, key=lambda way: way[0] + way[1])
+        for retract, hop in tries:
+            back, front = a + retract * u, b + retract * v
+            if hop == 0.0:
+                yield polyline_of_poses([back, front], [u, v])
+                continue
+            level = max(back[2], front[2]) + hop
+            if level > max(self._top, back[2], front[2]) + _REACH_MM:
+                continue
+            points = [back, _at(back, level), _at(front, level), front]
+            for turn in _UPRIGHT:
+                axes = [u, slerp_one(u, up, turn), slerp_one(v, up, turn), v]
+                yield polyline_of_poses(points, axes)
+
     def _clear(self, way: Travel) -> bool:
-        return bool(
+        """Tell whether a way is clear on the coarse map, or else on the fine one."""
+        return any(
             is_clear(
-                self._heights,
+                heights,
                 self._corner,
-                _CELL_MM,
+                size,
                 self._floor,
                 self._top,
                 way.points,
@@ -181,6 +198,7 @@ class TravelPlanner:
                 self._radius,
                 _ROOM_MM,
             )
+            for size, heights in self._maps
         )
 
     def _column(self, p: Floats, u: Floats, sign: int) -> tuple[list[Floats], list[Floats]]:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from vega_planner.toolpaths.isolines import (
     CELL,
     RIM,
     Line,
+    cornered,
     isolines,
     off_levels,
     vertex_values,
@@ -58,6 +59,23 @@ def guide_field(surface: Surface, patch: Patch, angle_deg: float) -> Floats:
     return field
 
 
+@dataclass(frozen=True, eq=False)
+class Zigzag:
+    """Lines of a patch before they are linked.
+
+    Attributes:
+        loops: Loops along the rim.
+        lines: The lines inside.
+        guides: Curves that links between lines follow.
+        values: What the lines carry, at the vertices, shape (n, 12).
+    """
+
+    loops: list[Line]
+    lines: list[Line]
+    guides: list[Line]
+    values: Floats
+
+
 def zigzag_lines(
     surface: Surface,
     patch: Patch,
@@ -66,7 +84,7 @@ def zigzag_lines(
     *,
     ground: Ground | None = None,
     euclidean: bool = False,
-) -> tuple[list[Line], list[Line], list[Line]]:
+) -> Zigzag:
     """Lay a loop along the rim and parallel lines inside it.
 
     Args:
@@ -76,9 +94,6 @@ def zigzag_lines(
         angle_deg: Direction of the lines about z [deg].
         ground: As for `contour_lines`.
         euclidean: Keep the distance between parallel planes, not on the surface.
-
-    Returns:
-        The rim loops, the lines, and the curves that links between lines follow.
     """
     loops: list[Line] = []
     guides: list[Line] = []
@@ -88,10 +103,11 @@ def zigzag_lines(
         rim = measure_rim(surface, patch, spacing, ground, limit=3 * spacing)
         room = np.minimum(rim.distance - rim.filled + spacing, room)
         if float(room.max()) < 1.6 * spacing:
-            return contour_lines(surface, patch, spacing, ground=ground)[0], [], []
+            narrow, _ = contour_lines(surface, patch, spacing, ground=ground)
+            return Zigzag(narrow, [], [], vertex_values(patch, spacing, room))
         levels = off_levels(np.minimum(rim.levels(spacing), 3.0))
         values = vertex_values(patch, rim.cells(spacing), room)
-        loops = isolines(surface, levels, values, 0)
+        loops = cornered(isolines(surface, levels, values, 0), spacing)
         guides = isolines(surface, off_levels(room / spacing - _ACROSS), values, 0)
     guide = guide_field(surface, patch, angle_deg)
     distance = guide if euclidean else from_guide(surface, guide)
@@ -112,7 +128,7 @@ def zigzag_lines(
             rows[:, CELL] = step
             lines += _inside(replace(line, level=line.level + start), spacing, has_rim)
         start += count + 2
-    return loops, lines, guides
+    return Zigzag(loops, lines, guides, values)
 
 
 def _inside(line: Line, spacing: float, has_rim: bool) -> list[Line]:

@@ -11,16 +11,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from vega_planner.datatypes import Bools, Floats, Ints, PrintTrajectory, ToolpathSet
 from vega_planner.robot.robot import Robot
 from vega_planner.robot.workcell import Workcell
+from vega_planner.toolpaths.coverage_kernels import bucket_segments, distance_to_segments
 
 #: Places between two samples at which the curve is looked at.
 _PLACES = (0.25, 0.5, 0.75)
-#: Toolpaths are cut into steps this short to find the nearest one [mm].
-_STEP_MM = 0.25
+#: Cells of the grid that finds the nearest piece of a toolpath [mm].
+_CELL_MM = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,23 +118,17 @@ def _axes_after(printed: Floats, path: Floats, axes: Floats) -> Floats:
 
 def _distances(points: Floats, path: Floats) -> Floats:
     """Distances of points from a polyline."""
-    length = np.linalg.norm(np.diff(path, axis=0), axis=1)
-    pieces = np.maximum(np.ceil(length / _STEP_MM), 1).astype(int)
-    segment = np.repeat(np.arange(len(length)), pieces)
-    within = np.arange(len(segment)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
-    share = within / pieces[segment]
-    dense = path[segment] + share[:, None] * (path[segment + 1] - path[segment])
-    _, near = cKDTree(dense).query(points, k=min(4, len(dense)))
-    best = np.full(len(points), np.inf)
-    for column in near.reshape(len(points), -1).T:
-        for step in (-1, 0):
-            k = segment[np.clip(column + step, 0, len(segment) - 1)]
-            edge = path[k + 1] - path[k]
-            along = np.einsum("ij,ij->i", points - path[k], edge)
-            w = np.clip(along / np.maximum(np.einsum("ij,ij->i", edge, edge), 1e-30), 0, 1)
-            off = np.linalg.norm(points - path[k] - w[:, None] * edge, axis=1)
-            best = np.minimum(best, off)
-    return best
+    a, b = path[:-1], path[1:]
+    low = points.min(0) - _CELL_MM
+    shape = np.ceil((points.max(0) - low) / _CELL_MM).astype(np.int64) + 1
+    begin, items = bucket_segments(a, b, low, _CELL_MM, shape)
+    distance = distance_to_segments(points, a, b, begin, items, low, _CELL_MM, shape)
+    for lost in np.flatnonzero(distance >= _CELL_MM):  # farther than the cells can tell
+        edge, from_a = b - a, points[lost] - a
+        along = np.einsum("ij,ij->i", from_a, edge)
+        w = np.clip(along / np.maximum(np.einsum("ij,ij->i", edge, edge), 1e-30), 0, 1)
+        distance[lost] = np.linalg.norm(from_a - w[:, None] * edge, axis=1).min()
+    return distance
 
 
 def steady_ratio(trajectory: PrintTrajectory, robot: Robot, speed_m_s: float) -> float:

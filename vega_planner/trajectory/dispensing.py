@@ -5,18 +5,35 @@ from __future__ import annotations
 
 import numpy as np
 
-from vega_planner.datatypes import Floats
+from vega_planner.datatypes import Bools, Floats, Ints
 from vega_planner.robot.material import Material
 
 #: The valve is left open over pauses shorter than this [s].
 SHORTEST_PAUSE_S = 0.05
 
 
+def rests(path_id: Ints, reconfigures: Bools, material: Material) -> Floats:
+    """Find how long the arm rests before each segment of a job.
+
+    Args:
+        path_id: Index of the pass of each segment, -1 for travel, shape (m,).
+        reconfigures: True for the segments that change the configuration, shape (m,).
+        material: Its dwells at the start of a pass, with pressure, and at its end, without.
+
+    Returns:
+        Times [s], shape (m,).
+    """
+    waits = np.where(path_id >= 0, material.start_dwell_s, 0.0)
+    after = np.concatenate([[False], path_id[:-1] >= 0])
+    return np.where(after & (path_id < 0) & ~reconfigures, material.end_dwell_s, waits)
+
+
 def switching_times(starts: Floats, ends: Floats, material: Material) -> Floats:
     """Find the times at which the dispenser is switched on and off.
 
     Args:
-        starts: Times at which beads begin [s], rising, shape (m,).
+        starts: Times at which the tip is at the starts of beads [s], rising, shape (m,); the
+            beads begin after the dwell.
         ends: Times at which they end [s], shape (m,).
         material: Its lead and lag.
 

@@ -13,7 +13,6 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
 
 from vega_planner.datatypes import Bools, Floats, Ints
 from vega_planner.errors import Unreachable
@@ -278,6 +277,8 @@ def _smoothed(knots: Floats) -> Floats:
 def _curve(at: Floats, knots: Floats, path: Floats) -> Floats:
     """Monotone cubic through knots at rising path parameters, shape (n, j)."""
     fresh = np.concatenate([[True], np.diff(at) > 1e-9])
+    from scipy.interpolate import PchipInterpolator
+
     at, knots = at[fresh], knots[fresh]
     if len(at) < 2:
         return np.tile(knots[0], (len(path), 1))

@@ -11,7 +11,7 @@ from vega_planner.robot.robot import Robot
 from vega_planner.robot.workcell import Workcell
 from vega_planner.settings import TrajectorySettings
 from vega_planner.trajectory.closed_form_path import ClosedFormPath
-from vega_planner.trajectory.dispensing import switching_times
+from vega_planner.trajectory.dispensing import rests, switching_times
 from vega_planner.trajectory.joint_path import JointPath, PathSolver, joint_path
 from vega_planner.trajectory.time_law import Timing, time_path
 from vega_planner.trajectory.waypoints import knots_for_timing, refined, waypoints_of
@@ -71,9 +71,10 @@ def make_trajectory(
             mm_to_m(settings.speed_mm_s),
         ),
     )
-    timing = time_path(path, robot, speeds)
+    waits = rests(path.way.path_id, path.reconfigures, cell.material)
+    timing = time_path(path, robot, speeds, waits)
     report(Progress("trajectory", 0.9))
-    result = _assembled(path, timing, cell, mm_to_m(settings.speed_mm_s))
+    result = _assembled(path, timing, waits, cell, mm_to_m(settings.speed_mm_s))
     report(Progress("trajectory", 1.0))
     return result
 
@@ -87,14 +88,17 @@ def path_solver(robot: Robot, speed: float) -> PathSolver:
     return FreeTurnPath(robot)
 
 
-def _assembled(path: JointPath, timing: Timing, cell: Workcell, speed: float) -> PrintTrajectory:
+def _assembled(
+    path: JointPath, timing: Timing, waits: Floats, cell: Workcell, speed: float
+) -> PrintTrajectory:
     """Merge the segments' shared samples and mark the beads."""
     way = path.way
     segment = way.segment
     ids = way.path_id[segment]
-    # Of the two copies of a pose between segments the pass keeps its own.
+    # Of the two copies of a pose between segments the pass keeps its own; where the arm
+    # waits, they are the beginning and the end of the wait.
     keep = np.ones(len(ids), np.bool_)
-    for k in range(1, len(way.path_id)):
+    for k in np.flatnonzero(waits[1:] <= 0) + 1:
         keep[way.starts[k] if way.path_id[k] < 0 else way.starts[k] - 1] = False
     first = np.zeros(len(ids), np.bool_)
     first[way.starts[:-1]] = True
@@ -121,7 +125,9 @@ def _assembled(path: JointPath, timing: Timing, cell: Workcell, speed: float) ->
         slow_ratio=slow,
         warnings=tuple(warnings),
         dispensing=switching_times(
-            timing.times[way.starts[beads]], timing.times[way.starts[beads + 1] - 1], cell.material
+            timing.times[way.starts[beads]] - waits[beads],
+            timing.times[way.starts[beads + 1] - 1],
+            cell.material,
         ),
     )
 

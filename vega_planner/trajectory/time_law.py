@@ -31,7 +31,8 @@ class Timing:
     """When each pose is passed, and how fast.
 
     Attributes:
-        times: Times [s], shape (n,); both copies of a pose between segments have one time.
+        times: Times [s], shape (n,); both copies of a pose between segments have one time,
+            unless the arm waits there.
         velocities: Joint velocities [m/s, rad/s], shape (n, j).
         speeds: Path speeds [m/s], shape (n,).
     """
@@ -70,13 +71,17 @@ def time_segment(
     return times, slope * speeds[:, None], speeds
 
 
-def time_path(path: JointPath, robot: Robot, speeds: Floats) -> Timing:
+def time_path(
+    path: JointPath, robot: Robot, speeds: Floats, waits: Floats | None = None
+) -> Timing:
     """Time a whole job.
 
     Args:
         path: The joint path.
         robot: The robot, for its limits.
         speeds: Largest path speed of each segment [m/s], shape (m,).
+        waits: How long the arm rests before each segment [s], shape (m,); not at all when
+            absent.
     """
     way = path.way
     n, joints = path.q.shape
@@ -86,6 +91,7 @@ def time_path(path: JointPath, robot: Robot, speeds: Floats) -> Timing:
         rows = slice(int(way.starts[k]), int(way.starts[k + 1]))
         length = rows.stop - rows.start
         t, v, x = _within_limits(way.path[rows], path.q[rows], np.full(length, speeds[k]), robot)
+        now += 0.0 if waits is None else float(waits[k])
         times[rows], velocities[rows], tip[rows] = now + t, v, x
         now += t[-1]
     return Timing(times, velocities, tip)

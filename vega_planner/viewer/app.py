@@ -1,50 +1,47 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The viewer: what is shown, and what happens on a click. One scene, shared by all tabs."""
+"""The viewer: one picture and one panel, shared by all tabs, and what presses lead to."""
 
 from __future__ import annotations
 
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from vega_planner.datatypes import Floats, Ints, Layer, LayerStack, Part
-from vega_planner.errors import Cancelled, InvalidInput, VegaError
-from vega_planner.progress import Progress
-from vega_planner.settings import Settings
+from vega_planner.datatypes import Floats, Part
+from vega_planner.errors import InvalidInput, VegaError
 from vega_planner.units import m_to_mm, mm_to_m
 from vega_planner.viewer import controls as panel
-from vega_planner.viewer.command import needs_file, plan_command, save_settings
-from vega_planner.viewer.explain import explain
 from vega_planner.viewer.job import JobPort, JobState, MachineChoice
-from vega_planner.viewer.layer_view import CUTS, LayerView
-from vega_planner.viewer.path_view import PathView
-from vega_planner.viewer.picking import first_hit
+from vega_planner.viewer.job_desk import JobDesk
+from vega_planner.viewer.picture import Picture
 from vega_planner.viewer.pointer import watch_pointer
-from vega_planner.viewer.preview import Preview
-from vega_planner.viewer.restraint_picks import RestraintPicks
+from vega_planner.viewer.region_desk import RegionDesk
 from vega_planner.viewer.result_folder import ResultFolder, read_result
 from vega_planner.viewer.robot_model import read_robot_model
-from vega_planner.viewer.robot_view import RobotView
 from vega_planner.viewer.settings_panel import SettingsPanel
-from vega_planner.viewer.stage import Stage
 from vega_planner.viewer.target import Target
-from vega_planner.viewer.words import moment_text, result_text, status_text
+from vega_planner.viewer.words import result_text, status_text
 
 #: How often playback and the print's progress are shown [s].
 TICK_S = 0.1
-#: The robot is drawn this long after the part [s].
-ROBOT_AFTER_S = 1.5
-#: States of a print during which its progress leads the picture.
-RUNNING = ("printing", "pausing", "paused", "stopping")
+#: The robot is drawn so long after somebody sees the part, or at the latest after so long [s].
+ROBOT_AFTER_S, ROBOT_AT_LATEST_S = 1.0, 5.0
 
 
 class Viewer:
-    """One person's, or several people's, view of a part and its print."""
+    """One person's, or several people's, view of a part and its print.
+
+    Attributes:
+        target: What is looked at.
+        controls: The panel.
+        picture: The scene.
+        region: The restraint region and the settings.
+        jobs: Planning and printing.
+    """
 
     def __init__(self, server: Any, target: Target, make_job: Callable[[], JobPort]) -> None:
         """Build the panel; `load` brings the picture.
@@ -54,39 +51,31 @@ class Viewer:
             target: What to show.
             make_job: Makes what plans and prints, on first use.
         """
+        self._server = server
+        self._lock = threading.RLock()
+        self._closing = threading.Event()
+        self._remark = ""
         self.target = target
         self.controls = panel.Controls(server, str(target.out))
-        self.stage = Stage(server)
-        self.layer_view = LayerView(server.scene)
-        self.path_view = PathView(server.scene)
-        self.robot_view = RobotView(server.scene)
-        self.part: Part | None = None
-        self.result: ResultFolder | None = None
-        self.picks: RestraintPicks | None = None
-        self.state = JobState()
-        self.planning = False
-        self.starting = False
-        self._server = server
-        self._make_job = make_job
-        self._job: JobPort | None = None
-        self._sheets: tuple[Layer, ...] = ()
-        self._reasons: tuple[Ints, ...] = ()
-        self._base = target.settings
-        self._settings_file = target.settings_file
-        self._source = target.path / "part.ply" if target.is_result else target.path
-        self._time_s = 0.0
-        self._visible: set[int] = set()
-        self._remark = ""
-        self._cancel = threading.Event()
-        self._closing = threading.Event()
-        self._lock = threading.RLock()
-        self._preview = Preview(self._show_preview, self._say_at_pointer)
         with self.controls.settings_tab:
-            self.settings_panel = SettingsPanel(server.gui, self._base, self._settings_changed)
+            fields = SettingsPanel(server.gui, target.own_settings, self._settings_changed)
+        self.picture = Picture(server, self.controls)
+        self.region = RegionDesk(target, self.controls, self.picture, fields, self._lock)
+        self.jobs = JobDesk(make_job)
         watch_pointer(server.gui, self._rested)
         self._connect()
         self._ticker = threading.Thread(target=self._tick_on, daemon=True, name="viewer")
         self._ticker.start()
+
+    @property
+    def part(self) -> Part | None:
+        """The part, with its restraint region."""
+        return self.picture.part
+
+    @property
+    def result(self) -> ResultFolder | None:
+        """The plan that is shown."""
+        return self.picture.result
 
     # ---- what is shown
 
@@ -101,17 +90,16 @@ class Viewer:
         else:
             from vega_planner.part import load_part
 
-            self._show_part(load_part(self.target.path, self._base.part), keep_specs=True)
-        threading.Thread(target=self._load_robot, daemon=True, name="robot").start()
+            part = load_part(self.target.path, self.target.settings.part)
+            self._remark = self.region.take_part(part)
+        threading.Thread(target=self._load_the_rest, daemon=True, name="robot").start()
 
     def close(self) -> None:
         """End the threads and let go of the job."""
         self._closing.set()
-        self._cancel.set()
-        self._preview.cancel()
+        self.region.give_up_preview()
         self._ticker.join(timeout=2)
-        if self._job is not None:
-            self._job.close()
+        self.jobs.close()
 
     def set_time(self, time_s: float, state: JobState | None = None) -> None:
         """Show the print at a time.
@@ -121,171 +109,76 @@ class Viewer:
             state: What a running print says of its joints and its dispenser.
         """
         with self._lock:
-            self._time_s = time_s
-            self._refresh(state)
-
-    @property
-    def visible_layers(self) -> set[int]:
-        """Indices of the layers that are shown."""
-        return set(self._visible)
-
-    def _show_part(self, part: Part, *, keep_specs: bool) -> None:
-        faces_file = Path(f"{self.controls.out.value}.faces.txt").absolute()
-        settings = self._base.part
-        specs = part.brr if keep_specs else ()
-        try:
-            picks = RestraintPicks(part, settings, faces_file, specs, part.restrained)
-        except VegaError as error:
-            # The region is known face by face, but its SPECs name files that have gone.
-            self._remark = str(error)
-            picks = RestraintPicks(part, settings, faces_file)
-        with self._lock, self._server.atomic():
-            self.part, self.picks = part, picks
-            self.stage.show_part(part)
-            self._show_region()
-            self._refresh()
-
-    def _show_region(self) -> None:
-        if self.part is None or self.picks is None:
-            return
-        chosen = self.picks.faces
-        self.part = replace(self.part, restrained=chosen, brr=self.picks.specs)
-        self.stage.show_region(self.part, chosen)
-        self.controls.specs.value = " ".join(self.picks.specs)
-        self._show_command()
+            self.picture.time_s = time_s
+            self.picture.refresh(state)
 
     def _show_result(self, result: ResultFolder) -> None:
         controls = self.controls
-        self._base = _settings_of(result, self._base)
-        self.settings_panel.show(self._base)
-        self._show_part(result.part, keep_specs=True)
         with self._lock, self._server.atomic():
-            self.result = result
-            self._sheets, self._reasons = result.sheets, result.face_reasons
-            self._draw_layers()
-            self._draw_paths()
+            self._remark = self.region.take_part(result.part)
+            self.picture.show_result(result)
             controls.result.content = result_text(result.summary)
             controls.click.value = panel.EXPLAIN
-            controls.pointed.content = (
-                "Rest the pointer on a layer: what it is, and what is wrong."
-            )
-            controls.show_part.value = not result.sheets
-            if result.timeline is not None:
-                self._time_s = result.timeline.duration_s
-                controls.time.max = max(np.ceil(10 * self._time_s) / 10, 0.1)
-                controls.time.value = controls.time.max
-                controls.time.disabled = controls.play.disabled = False
-            self._refresh()
+            self.region.say("Rest the pointer on a layer: what it is, and what is wrong.")
 
-    def _show_preview(self, stack: LayerStack) -> None:
-        with self._lock, self._server.atomic():
-            self._sheets = stack.sheets
-            self._reasons = tuple(np.zeros(len(s.faces), np.int64) for s in stack.sheets)
-            self.controls.cut.value = CUTS[2]
-            self._draw_layers()
-            self._refresh()
-        self._say_at_pointer(f"{len(stack.layers)} layers, {len(stack.cores)} core layers.")
-
-    def _draw_layers(self) -> None:
-        controls = self.controls
-        self.layer_view.show(
-            self._sheets,
-            self._reasons,
-            full_detail=controls.detail.value,
-            cut=controls.cut.value,
-        )
-
-    def _draw_paths(self) -> None:
-        if self.result is None or self.result.timeline is None:
-            self.path_view.clear()
-            return
-        self.path_view.show(
-            self.result.timeline,
-            len(self._sheets),
-            colouring=self.controls.colouring.value,
-            full_detail=self.controls.detail.value,
-        )
-
-    def _refresh(self, state: JobState | None = None) -> None:
-        """Bring the scene up to the time and the choices of the panel."""
-        controls = self.controls
-        timeline = self.result.timeline if self.result is not None else None
-        every = {sheet.index for sheet in self._sheets}
-        with self._server.atomic():
-            choice = controls.layers.value
-            self._visible = set() if choice == panel.NO_LAYERS else every
-            if timeline is None:
-                _set(controls.moment, "content", "")
-            else:
-                moment = timeline.at(self._time_s)
-                if choice == panel.THIS_LAYER:
-                    self._visible = {moment.layer}
-                elif choice == panel.UP_TO_NOW:
-                    starts = timeline.layer_starts
-                    self._visible = {
-                        n for n in every if starts.get(n, np.inf) <= self._time_s + 1e-6
-                    }
-                on_path = {moment.layer} if choice == panel.THIS_LAYER else every
-                self.path_view.set_time(moment, on_path if controls.show_path.value else set())
-                measured = state.joints if state is not None and state.joints else moment.joints
-                dispensing = state.dispensing if state is not None else moment.dispensing
-                self.robot_view.set_joints(measured)
-                self.robot_view.set_tip(np.array(moment.tip), np.array(moment.axis), dispensing)
-                text = moment_text(moment, self._time_s, timeline.duration_s, dispensing, state)
-                _set(controls.moment, "content", text)
-            self.layer_view.set_visible(self._visible)
-            self.robot_view.set_visible(controls.show_robot.value)
-            part_shown = controls.show_part.value
-            ghost = part_shown and bool(self._visible)
-            self.stage.set_visible(part_shown, controls.show_region.value, ghost)
-
-    def _load_robot(self) -> None:
-        # The part comes first: what the robot needs to be read would hold its picture up.
+    def _load_the_rest(self) -> None:
+        """Bring what nobody misses at first: the robot, and the icons of the buttons."""
+        began = time.monotonic()
+        while not self._is_seen() and time.monotonic() - began < ROBOT_AT_LATEST_S:
+            if self._closing.wait(0.1):
+                return
         self._closing.wait(ROBOT_AFTER_S)
         from vega_planner.robot.description import load_description
 
-        result, name = self.result, self._base.cell.robot
+        result = self.result
         try:
             if result is not None:
-                name = str(result.summary.get("robot", name))
-                T_base_part = result.T_base_part
+                name, T_base_part = result.settings.cell.robot, result.T_base_part
             else:
                 from vega_planner.robot.workcell import load_cell
 
-                cell = load_cell(self._base.cell, self.part)
-                T_base_part = cell.placement.T_base_part
+                settings = self.target.settings.cell
+                cell = load_cell(settings, self.part)
+                name, T_base_part = settings.robot, cell.placement.T_base_part
             model = read_robot_model(load_description(name).urdf)
         except VegaError as error:
             self._remark = f"no robot is shown: {error}"
             return
-        with self._lock, self._server.atomic():
-            self.robot_view.show(model, T_base_part)
-            self._refresh()
+        with self._lock:
+            self.picture.show_robot(model, T_base_part)
+        self.controls.add_icons()
 
-    # ---- what is clicked
+    def _is_seen(self) -> bool:
+        """Whether some browser has drawn a picture."""
+        try:
+            clients = self._server.get_clients().values()
+            return any(client.camera.update_timestamp > 0 for client in clients)
+        except AssertionError:  # it has not told of its camera yet
+            return False
+
+    # ---- what is pressed
 
     def _connect(self) -> None:
-        controls = self.controls
+        controls, picture, region = self.controls, self.picture, self.region
         self._server.scene.on_click()(self._clicked)
         self._by_person(controls.time, lambda: self.set_time(controls.time.value))
         for handle in (
             controls.show_part, controls.show_region, controls.show_robot, controls.show_path,
             controls.layers,
         ):  # fmt: skip
-            self._by_person(handle, self._locked(self._refresh))
-        for handle in (controls.cut, controls.detail):
-            self._by_person(handle, self._locked(self._redraw))
-        self._by_person(controls.colouring, self._locked(self._redraw))
-        self._by_person(controls.preview, self._preview_again)
-        self._by_person(controls.out, self._show_command)
+            self._by_person(handle, self._locked(picture.refresh))
+        for handle in (controls.cut, controls.detail, controls.colouring):
+            self._by_person(handle, self._locked(picture.redraw))
+        self._by_person(controls.preview, region.preview_again)
+        self._by_person(controls.out, region.show_command)
         for button, action in (
-            (controls.use_specs, self._use_specs),
-            (controls.clear, self._clear_region),
+            (controls.use_specs, region.use_specs),
+            (controls.clear, region.clear),
             (controls.plan, self.start_plan),
             (controls.print, self.start_print),
-            (controls.pause, lambda: self.job.pause()),
-            (controls.resume, lambda: self.job.resume()),
-            (controls.stop, self.stop),
+            (controls.pause, lambda: self.jobs.job.pause()),
+            (controls.resume, lambda: self.jobs.job.resume()),
+            (controls.stop, self.jobs.stop),
         ):
             self._on_press(button, action)
 
@@ -315,11 +208,8 @@ class Viewer:
 
         return run
 
-    def _redraw(self) -> None:
-        with self._server.atomic():
-            self._draw_layers()
-            self._draw_paths()
-            self._refresh()
+    def _settings_changed(self) -> None:
+        self._guarded(self.region.settings_changed, None)
 
     def _clicked(self, event: Any) -> None:
         origin = m_to_mm(np.array(event.ray_origin, dtype=np.float64))
@@ -337,138 +227,43 @@ class Viewer:
         Raises:
             VegaError: If the pick leaves nothing to envelop.
         """
-        mode = self.controls.click.value
-        if mode == panel.EXPLAIN:
+        if self.controls.click.value == panel.EXPLAIN:
             self._explain(origin, direction, client)
-            return
-        if self.part is None or self.picks is None:
-            return
-        hit = first_hit(origin, direction, self.part.vertices, self.part.faces)
-        if hit is None:
-            return
-        with self._lock:
-            toggle = (
-                self.picks.toggle_face if mode == panel.PICK_FACE else self.picks.toggle_region
-            )
-            self.controls.pointed.content = toggle(hit)
-        self._region_changed()
+        else:
+            self.region.click(origin, direction)
 
     def _rested(self, origin: Floats, direction: Floats, client: Any) -> None:
         if self.controls.click.value == panel.EXPLAIN:
             self._explain(m_to_mm(origin), direction, client)
 
     def _explain(self, origin: Floats, direction: Floats, client: Any) -> None:
-        part = self.part if self.controls.show_part.value else None
-        summary = self.result.summary if self.result is not None else {}
-        found = explain(
-            origin, direction, part, self._sheets, self._reasons, self._visible, summary
-        )
-        if found is None:
-            if client is not None:
-                client.scene.remove_by_name("/pointed")
+        found = self.picture.explain(origin, direction)
+        if found is not None:
+            self.region.say(found.text)
+        if client is None:
             return
-        self.controls.pointed.content = found.text
-        if client is not None:
+        if found is None:
+            client.scene.remove_by_name("/pointed")
+        else:
             place = mm_to_m(np.array(found.point))
             client.scene.add_label("/pointed", found.label, position=place)
 
-    def _use_specs(self) -> None:
-        if self.picks is not None:
-            with self._lock:
-                self.picks.set_specs(tuple(self.controls.specs.value.split()))
-            self._region_changed()
-
-    def _clear_region(self) -> None:
-        if self.picks is not None:
-            with self._lock:
-                self.picks.clear()
-            self._region_changed()
-
-    def _region_changed(self) -> None:
-        with self._lock, self._server.atomic():
-            # What was planned or previewed belongs to another region.
-            self.result, self._sheets, self._reasons = None, (), ()
-            self.layer_view.clear()
-            self.path_view.clear()
-            self.controls.show_part.value = True
-            self.controls.time.disabled = self.controls.play.disabled = True
-            self._show_region()
-            self._refresh()
-        self._preview.cancel()
-        if self.controls.preview.value and self.part is not None:
-            self._say_at_pointer("Working the layers out.")
-            self._preview.request(self.part, self.settings())
-
-    def _preview_again(self) -> None:
-        """Work the layers out anew, unless a whole plan is shown."""
-        self._preview.cancel()
-        if self.result is None:
-            self._region_changed()
-
-    def _settings_changed(self) -> None:
-        self._guarded(self._show_command, None)
-        self._guarded(self._preview_again, None)
-
-    # ---- planning and printing
-
-    @property
-    def job(self) -> JobPort:
-        """What plans and prints; made on first use."""
-        with self._lock:
-            if self._job is None:
-                self._job = self._make_job()
-            return self._job
-
-    def settings(self) -> Settings:
-        """Everything the panel says, the restraint region included.
-
-        Raises:
-            InvalidInput: If a value is out of its range.
-        """
-        return self.settings_panel.settings(self.picks.specs if self.picks else ("none",))
-
     def start_plan(self) -> None:
-        """Plan in a thread of its own.
+        """Plan what is chosen into the result folder.
 
         Raises:
-            VegaError: If a setting is no good.
+            VegaError: If a setting is no good, or a job is running.
         """
-        if self.planning or self.starting or self.state.state in RUNNING:
-            raise InvalidInput("a job is running; stop it first")
-        settings = self.settings()
+        settings = self.region.settings()
         folder = Path(self.controls.out.value).expanduser().absolute()
-        self._preview.cancel()
-        self._cancel.clear()
-        self.planning = True
-        threading.Thread(
-            target=self._plan, args=(settings, folder), daemon=True, name="plan"
-        ).start()
-
-    def _plan(self, settings: Settings, folder: Path) -> None:
-        said = 0.0
-
-        def report(progress: Progress) -> None:
-            nonlocal said
-            if self._cancel.is_set():
-                raise Cancelled("stopped; nothing was written")
-            if time.monotonic() - said > TICK_S:
-                said = time.monotonic()
-                self.controls.bar.value = 100.0 * progress.fraction
-                layers = f", {progress.layers} layers" if progress.layers else ""
-                self._remark = f"planning: {progress.stage} {progress.detail}{layers}"
-
-        try:
-            source = self._source.absolute()
-            done = self.job.plan(source, settings, folder, report)
-            self._show_result(read_result(done))
-            self._remark = ""
-        except VegaError as error:
-            stage = f" ({error.stage})" if error.stage else ""
-            self._remark = f"not planned{stage}: {error}"
-            self.tell("Not planned", str(error), None)
-        finally:
-            self.controls.bar.value = 0.0
-            self.planning = False
+        self.jobs.start_plan(
+            self.target.source,
+            settings,
+            folder,
+            lambda done: self._show_result(read_result(done)),
+            lambda reason: self.tell("Not planned", reason, None),
+        )
+        self.region.give_up_preview()
 
     def start_print(self) -> None:
         """Print the plan that is shown.
@@ -481,20 +276,9 @@ class Viewer:
         controls = self.controls
         controls.play.value = False
         machine = MachineChoice(controls.hardware.value, float(controls.machine_pace.value[1:]))
-        if self.planning or self.starting or self.state.state in RUNNING:
-            raise InvalidInput("a job is running; stop it first")
-        self.starting, self._remark = True, "starting the print"
-        try:
-            self.job.print(self.result.path.absolute(), machine)
-        finally:
-            self.starting, self._remark = False, ""
+        self.jobs.start_print(self.result.path, machine)
 
-    def stop(self) -> None:
-        """Stop planning or printing."""
-        if self.planning:
-            self._cancel.set()
-            return
-        self.job.stop()
+    # ---- what goes on
 
     def _tick_on(self) -> None:
         last = time.monotonic()
@@ -507,86 +291,42 @@ class Viewer:
             last = now
 
     def _tick(self, elapsed: float) -> None:
-        controls = self.controls
-        was = self.state.state
-        if self._job is not None:
-            self.state = self._job.progress()
-        state = self.state
-        running = state.state in RUNNING
-        if running or (was in RUNNING and state.state == "done"):
+        controls, jobs = self.controls, self.jobs
+        was_running = jobs.running
+        jobs.look()
+        state = jobs.state
+        if jobs.running or (was_running and state.state == "done"):
             with self._server.atomic():
                 self.set_time(state.path_time_s, state)
-                _set(controls.time, "value", round(min(state.path_time_s, controls.time.max), 1))
-                _set(controls.bar, "value", round(100.0 * state.progress, 1))
+                shown = round(min(state.path_time_s, controls.time.max), 1)
+                panel.put(controls.time, "value", shown)
         elif controls.play.value and self.result is not None:
-            pace = float(controls.play_speed.value[1:])
-            after = min(self._time_s + pace * elapsed, controls.time.max)
-            with self._server.atomic():
-                self.set_time(after)
-                controls.time.value = round(after, 1)
-                if after >= controls.time.max:
-                    controls.play.value = False
-        self._update_buttons(running)
+            self._play(elapsed)
+        share = state.progress if jobs.running else jobs.progress if jobs.planning else 0.0
+        panel.put(controls.bar, "value", round(100.0 * share, 1))
+        controls.show_buttons(
+            state.state,
+            planning=jobs.planning,
+            can_plan=jobs.idle and self.part is not None,
+            can_print=jobs.idle and self.result is not None,
+        )
         people = len(self._server.get_clients())
-        text = status_text(self.target.name, self.planning, state, self._remark, people)
-        _set(controls.status, "content", text)
+        remark = jobs.remark or self._remark
+        text = status_text(self.target.name, jobs.planning, state, remark, people)
+        panel.put(controls.status, "content", text)
 
-    def _update_buttons(self, running: bool) -> None:
-        controls, state = self.controls, self.state.state
-        idle = not self.planning and not self.starting and not running
-        for button, visible in (
-            (controls.plan, idle and self.part is not None),
-            (controls.print, idle and self.result is not None),
-            (controls.pause, state == "printing"),
-            (controls.resume, state == "paused"),
-            (controls.stop, self.planning or running),
-        ):
-            _set(button, "visible", visible)
-
-    # ---- words
+    def _play(self, elapsed: float) -> None:
+        controls = self.controls
+        pace = float(controls.play_speed.value[1:])
+        after = min(self.picture.time_s + pace * elapsed, controls.time.max)
+        with self._server.atomic():
+            self.set_time(after)
+            controls.time.value = round(after, 1)
+            if after >= controls.time.max:
+                controls.play.value = False
 
     def tell(self, title: str, body: str, client: Any) -> None:
         """Show a message to one person, or to all where none is given."""
         clients = [client] if client is not None else self._server.get_clients().values()
         for one in clients:
             one.add_notification(title, body, auto_close_seconds=12.0, color="orange")
-
-    def _say_at_pointer(self, text: str) -> None:
-        self.controls.pointed.content = text
-
-    def _show_command(self) -> None:
-        out = self.controls.out.value
-        settings = self.settings()
-        own_file = Path(f"{out}.settings.yaml")
-        if needs_file(settings, self._base):
-            save_settings(settings, own_file)
-        command = plan_command(
-            str(self._source),
-            out,
-            settings.part.brr,
-            settings,
-            self._base,
-            self._settings_file,
-            own_file,
-        )
-        self.controls.command.content = f"The same on the command line:\n```\n{command}\n```"
-
-
-def _set(handle: Any, name: str, value: Any) -> None:
-    """Set a property, and send nothing where it is so already."""
-    if getattr(handle, name) != value:
-        setattr(handle, name, value)
-
-
-def _settings_of(result: ResultFolder, base: Settings) -> Settings:
-    """What a result was planned with, as far as its summary tells."""
-    summary = result.summary
-    changes: dict[str, dict[str, Any]] = {"part": {"brr": result.part.brr}}
-    for key, (section, name) in {
-        "layer_thickness_mm": ("layers", "thickness_mm"),
-        "engine": ("layers", "engine"),
-        "bead_width_mm": ("toolpaths", "width_mm"),
-    }.items():
-        if key in summary:
-            changes.setdefault(section, {})[name] = summary[key]
-    return base.updated(changes)

@@ -5,8 +5,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from vega_planner.viewer.layer_view import CUTS
+from vega_planner.viewer.job import RUNNING
+from vega_planner.viewer.legend import STYLE, legend
 from vega_planner.viewer.path_view import COLOURINGS
+from vega_planner.viewer.section import CUTS
 
 #: What a click on the part or on a layer does.
 PICK_REGION, PICK_FACE, EXPLAIN = "choose smooth region", "choose single face", "explain"
@@ -32,13 +34,14 @@ class Controls:
         gui = server.gui
         gui.configure_theme(show_logo=False, show_share_button=False)
         gui.main_panel.dock_right()
+        gui.add_html(STYLE)
         self.status = gui.add_markdown("starting")
         self.bar = gui.add_progress_bar(0.0)
-        self.plan = gui.add_button("Plan", icon="route", hint="Plan into the result folder.")
-        self.print = gui.add_button("Print", icon="player-play", color="green")
-        self.pause = gui.add_button("Pause", icon="player-pause")
-        self.resume = gui.add_button("Resume", icon="player-play", color="green")
-        self.stop = gui.add_button("Stop", icon="player-stop", color="red")
+        self.plan = gui.add_button("Plan", hint="Plan into the result folder.")
+        self.print = gui.add_button("Print", color="green", hint="Print the plan that is shown.")
+        self.pause = gui.add_button("Pause", hint="Stop on the path, dispenser off.")
+        self.resume = gui.add_button("Resume", color="green", hint="Go on where it paused.")
+        self.stop = gui.add_button("Stop", color="red", hint="End the job, dispenser off.")
         self.time = gui.add_slider(
             "time [s]", 0.0, 1.0, 0.1, 1.0, hint="Time of the print.", disabled=True
         )
@@ -59,6 +62,35 @@ class Controls:
                 "simulated at", PACES, initial_value=PACES[2], hint="Times the pace of the clock."
             )
 
+    def add_icons(self) -> None:
+        """Put icons on the buttons; reading them takes a moment, so it is done late."""
+        for button, icon in (
+            (self.plan, "route"),
+            (self.print, "player-play"),
+            (self.pause, "player-pause"),
+            (self.resume, "player-play"),
+            (self.stop, "player-stop"),
+        ):
+            button.icon = icon
+
+    def show_buttons(self, state: str, *, planning: bool, can_plan: bool, can_print: bool) -> None:
+        """Show the buttons that can be pressed now.
+
+        Args:
+            state: State of the machine, as in `JobState`.
+            planning: Whether a plan is being made.
+            can_plan: Whether one could be.
+            can_print: Whether there is a plan to print.
+        """
+        for button, visible in (
+            (self.plan, can_plan),
+            (self.print, can_print),
+            (self.pause, state == "printing"),
+            (self.resume, state == "paused"),
+            (self.stop, planning or state in RUNNING),
+        ):
+            put(button, "visible", visible)
+
     def _build_region(self, gui: Any) -> None:
         self.click = gui.add_dropdown("click", CLICKS, initial_value=PICK_REGION)
         self.pointed = gui.add_markdown("Click on the part.")
@@ -66,14 +98,15 @@ class Controls:
             "SPECs", "", hint="none, auto, down, normal:X,Y,Z[:DEG], point:X,Y,Z, faces:FILE, "
             "not:SPEC; several with blanks between.",
         )  # fmt: skip
-        self.use_specs = gui.add_button("Use these SPECs")
-        self.clear = gui.add_button("Clear region")
+        self.use_specs = gui.add_button("Use these SPECs", color="gray")
+        self.clear = gui.add_button("Clear region", color="gray")
         self.preview = gui.add_checkbox(
             "show resulting layers", True, hint="Work the layers out after each click."
         )
         self.command = gui.add_markdown("")
 
     def _build_show(self, gui: Any) -> None:
+        self.legend = gui.add_html(legend((), by_speed=False))
         self.show_part = gui.add_checkbox("part", True)
         self.show_region = gui.add_checkbox("restraint region", True)
         self.show_robot = gui.add_checkbox("robot", True)
@@ -87,3 +120,9 @@ class Controls:
         self.detail = gui.add_checkbox(
             "full detail", False, hint="Every face and point; wants a graphics card."
         )
+
+
+def put(handle: Any, name: str, value: Any) -> None:
+    """Set a property, and send nothing where it is so already."""
+    if getattr(handle, name) != value:
+        setattr(handle, name, value)

@@ -11,6 +11,7 @@ import numpy as np
 
 from vega_planner.datatypes import REASON_CODES, Floats, Ints, Layer, Part
 from vega_planner.viewer.picking import first_hit
+from vega_planner.viewer.section import Cut
 
 #: What the codes mean, for a person.
 MEANINGS = {
@@ -46,8 +47,8 @@ def explain(
     part: Part | None,
     sheets: Sequence[Layer],
     reasons: Sequence[Ints],
-    visible: set[int],
     summary: dict[str, Any],
+    cut: Cut | None = None,
 ) -> Explanation | None:
     """Say what is under the pointer: a layer and why it cannot be printed, or the part.
 
@@ -55,22 +56,25 @@ def explain(
         origin: Start of the ray [mm], part frame.
         direction: Its direction.
         part: The part where it is shown, else None.
-        sheets: Layers of the plan.
-        reasons: Per sheet 0 where printable, else 1 + index into `REASON_CODES`.
-        visible: Indices of the layers that are shown.
+        sheets: The layers that are shown.
+        reasons: By the layers' indices, 0 where printable, else 1 + index into
+            `REASON_CODES`.
         summary: Content of `summary.json`, for the remedies.
+        cut: Where the layers are cut open.
 
     Returns:
         None where the ray meets nothing.
     """
     best: tuple[float, Explanation] | None = None
     for sheet in sheets:
-        if sheet.index not in visible or not _near(origin, direction, sheet.vertices):
+        if not _near(origin, direction, sheet.vertices):
             continue
-        hit = first_hit(origin, direction, sheet.vertices, sheet.faces)
+        seen = np.arange(len(sheet.faces)) if cut is None else np.flatnonzero(cut.keeps(sheet))
+        hit = first_hit(origin, direction, sheet.vertices, sheet.faces[seen])
         if hit is not None and (best is None or hit.distance < best[0]):
-            code = int(reasons[sheet.index][hit.face])
-            text = _of_layer(sheet, hit.face, code, summary)
+            face = int(seen[hit.face])
+            code = int(reasons[sheet.index][face])
+            text = _of_layer(sheet, face, code, summary)
             state = REASON_CODES[code - 1].replace("_", " ") if code else "printable"
             label = f"layer {sheet.index}: {state}"
             best = hit.distance, Explanation(text, label, hit.point)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import struct
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -96,13 +97,19 @@ def _before_tone_mapping(srgb: Floats) -> Floats:
     return np.clip(0.6 * x, 0.0, 1.0)
 
 
+@cache
+def _linear_table() -> NDArray[np.uint16]:
+    """Linear colours 0..65535 of sRGB 0..255."""
+    return np.round(65535 * _before_tone_mapping(np.arange(256) / 255.0)).astype("<u2")
+
+
 def _encode(
     mode: int, points: Floats, indices: NDArray, colours: NDArray, opacity: float = 1.0
 ) -> bytes:
     positions = np.ascontiguousarray(points, dtype="<f4")
     flat = np.ascontiguousarray(indices, dtype="<u4").ravel()
     linear = np.full((len(positions), 4), 65535, dtype="<u2")
-    linear[:, :3] = np.round(65535 * _before_tone_mapping(np.asarray(colours) / 255.0))
+    linear[:, :3] = _linear_table()[np.asarray(colours).astype(np.uint8)]
     chunks = [positions.tobytes(), linear.tobytes(), flat.tobytes()]
     starts = np.cumsum([0, *(len(chunk) for chunk in chunks)]).tolist()
     views = [

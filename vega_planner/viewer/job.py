@@ -12,6 +12,9 @@ from vega_planner.errors import DriverError
 from vega_planner.progress import Report
 from vega_planner.settings import Settings
 
+#: States in which a print is under way.
+RUNNING = ("printing", "pausing", "paused", "stopping")
+
 
 @dataclass(frozen=True)
 class JobState:

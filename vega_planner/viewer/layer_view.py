@@ -8,29 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from vega_planner.datatypes import REASON_CODES, Bools, Floats, Ints, Layer, TriangleGeometry
+from vega_planner.datatypes import REASON_CODES, Floats, Ints, Layer, TriangleGeometry
 from vega_planner.units import mm_to_m
+from vega_planner.viewer.colours import REASON_COLOURS, layer_colour
 from vega_planner.viewer.glb import baked_colours, triangles_glb
 from vega_planner.viewer.level_of_detail import clustered
 from vega_planner.viewer.result_folder import coloured_submesh
+from vega_planner.viewer.section import Cut, clipped
 
 #: Faces of all layers together that software rendering draws a few times a second.
 LIGHT_BUDGET = 36_000
-#: Colours of `REASON_CODES`: reach in reds, collisions in violets, support in brown.
-REASON_COLOURS = (
-    (214, 39, 40), (255, 105, 97), (148, 65, 200), (199, 60, 170),
-    (90, 60, 170), (120, 100, 210), (60, 60, 110), (140, 86, 50),
-)  # fmt: skip
-CUTS = ("whole", "cut at x", "cut at y")
-_RAMP = np.array([(38, 70, 160), (40, 140, 170), (70, 175, 110), (190, 200, 70), (250, 215, 90)])
-
-
-def layer_colour(index: int, count: int) -> tuple[int, int, int]:
-    """Colour of a layer: blue outside over green to yellow at the core."""
-    place = (len(_RAMP) - 1) * index / max(count - 1, 1)
-    low = min(int(place), len(_RAMP) - 2)
-    red, green, blue = _RAMP[low] + (place - low) * (_RAMP[low + 1] - _RAMP[low])
-    return int(red), int(green), int(blue)
 
 
 class LayerView:
@@ -55,7 +42,7 @@ class LayerView:
         reasons: Sequence[Ints],
         *,
         full_detail: bool = False,
-        cut: str = CUTS[0],
+        cut: Cut | None = None,
     ) -> None:
         """Draw layers.
 
@@ -64,16 +51,15 @@ class LayerView:
             reasons: Per sheet 0 where a face is printable, else 1 + index into
                 `REASON_CODES`, shape (m,).
             full_detail: Draw every face, however many there are.
-            cut: One of `CUTS`: what lies beyond the middle is left out.
+            cut: Where they are cut open.
         """
         self.clear()
         total = max(sum(len(sheet.faces) for sheet in sheets), 1)
         for sheet, reason in zip(sheets, reasons, strict=True):
             share = max(int(LIGHT_BUDGET * len(sheet.faces) / total), 200)
             budget = len(sheet.faces) if full_detail else share
-            kept = _this_side(sheet, cut, sheets)
-            self._add(sheet, len(sheets), budget, kept)
-            self._mark(sheet, reason, kept)
+            self._add(sheet, len(sheets), budget, cut)
+            self._mark(sheet, reason, cut)
 
     def set_visible(self, wanted: set[int]) -> None:
         """Show these layers and hide the others; what is so already is left alone."""
@@ -85,12 +71,11 @@ class LayerView:
                 for mark in self._marks[index]:
                     mark.visible = visible
 
-    def _add(self, sheet: Layer, count: int, budget: int, kept: Bools) -> None:
+    def _add(self, sheet: Layer, count: int, budget: int, cut: Cut | None) -> None:
         self._marks[sheet.index] = []
-        faces = sheet.faces[kept]
-        if not len(faces):
-            return
-        vertices, faces = clustered(sheet.vertices, faces, budget)
+        # Coarser first: cut afterwards, the edge stays straight.
+        coarse = clustered(sheet.vertices, sheet.faces, budget)
+        vertices, faces = clipped(*coarse, cut)
         if not len(faces):
             return
         used, flat = np.unique(faces, return_inverse=True)
@@ -104,12 +89,15 @@ class LayerView:
             receive_shadow=False,
         )
 
-    def _mark(self, sheet: Layer, reason: Ints, kept: Bools) -> None:
-        for code in np.unique(reason[(reason > 0) & kept]):
-            chosen = (reason == code) & kept
-            vertices, faces = coloured_submesh(sheet, chosen, 0.1)
-            colours = np.tile(REASON_COLOURS[code - 1], (len(vertices), 1))
-            name = f"/unprintable/{sheet.index:03d}/{REASON_CODES[code - 1]}"
+    def _mark(self, sheet: Layer, reason: Ints, cut: Cut | None) -> None:
+        for code in np.unique(reason[reason > 0]):
+            marked = coloured_submesh(sheet, reason == code, 0.1)
+            vertices, faces = clipped(*marked, cut)
+            if not len(faces):
+                continue
+            reason_name = REASON_CODES[code - 1]
+            colours = np.tile(REASON_COLOURS[reason_name], (len(vertices), 1))
+            name = f"/unprintable/{sheet.index:03d}/{reason_name}"
             glb = triangles_glb(mm_to_m(vertices), faces, colours)
             node = self._scene.add_glb(name, glb, cast_shadow=False, receive_shadow=False)
             self._marks[sheet.index].append(node)
@@ -120,15 +108,3 @@ class _Surface(TriangleGeometry):
 
     def __init__(self, vertices: Floats, faces: Ints) -> None:
         self.vertices, self.faces = vertices, faces
-
-
-def _this_side(sheet: Layer, cut: str, sheets: Sequence[Layer]) -> Bools:
-    if cut == CUTS[0]:
-        return np.ones(len(sheet.faces), dtype=bool)
-    axis = CUTS.index(cut) - 1
-    low = min(s.vertices[:, axis].min() for s in sheets if len(s.vertices))
-    high = max(s.vertices[:, axis].max() for s in sheets if len(s.vertices))
-    middle = sheet.vertices[sheet.faces][:, :, axis].mean(1)
-    # The half nearer to the first view goes: +x, and -y.
-    side = middle <= (low + high) / 2
-    return side if axis == 0 else ~side

@@ -18,6 +18,8 @@ _STEP = 1.2
 def clustered(vertices: Floats, faces: Ints, budget: int) -> tuple[Floats, Ints]:
     """Coarsen a mesh by merging the vertices in the cells of a grid [RossignacBorrel1993]_.
 
+    Vertices of an open border are merged with their like only, so that it stays where it is.
+
     Args:
         vertices: Points, shape (n, 3).
         faces: Vertex indices, shape (m, 3).
@@ -30,11 +32,12 @@ def clustered(vertices: Floats, faces: Ints, budget: int) -> tuple[Floats, Ints]
         return vertices, faces
     area = 0.5 * np.linalg.norm(face_cross(vertices, faces), axis=1).sum()
     low = vertices.min(0)
+    border = _on_border(faces, len(vertices))
     cell = max(np.sqrt(2.0 * area / budget), 1e-9)
     while True:
         keys = np.floor((vertices - low) / cell).astype(np.int64)
         span = keys.max(0) + 1
-        flat = (keys[:, 0] * span[1] + keys[:, 1]) * span[2] + keys[:, 2]
+        flat = 2 * ((keys[:, 0] * span[1] + keys[:, 1]) * span[2] + keys[:, 2]) + border
         _, cluster = np.unique(flat, return_inverse=True)
         coarse = cluster[faces]
         whole = (
@@ -54,6 +57,17 @@ def clustered(vertices: Floats, faces: Ints, budget: int) -> tuple[Floats, Ints]
         [np.bincount(cluster, vertices[:, k], minlength=count) / weight for k in range(3)]
     )
     return middle, coarse
+
+
+def _on_border(faces: Ints, count: int) -> Bools:
+    """Find the vertices of edges that have a single face, shape (count,)."""
+    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    keys = edges[:, 0].astype(np.int64) * count + edges[:, 1]
+    single, uses = np.unique(keys, return_counts=True)
+    single = single[uses == 1]
+    border = np.zeros(count, dtype=bool)
+    border[single // count] = border[single % count] = True
+    return border
 
 
 def kept_rows(points: Floats, ends: Bools, budget: int) -> Ints:

@@ -13,19 +13,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vega_planner.datatypes import Ints
+from vega_planner.datatypes import Floats, Ints
 from vega_planner.units import mm_to_m
+from vega_planner.viewer.colours import layer_colour, speed_colours
 from vega_planner.viewer.glb import lines_glb
-from vega_planner.viewer.layer_view import layer_colour
 from vega_planner.viewer.level_of_detail import kept_rows
+from vega_planner.viewer.section import Cut
 from vega_planner.viewer.timeline import Moment, Timeline
 
 #: Points that are drawn in software rendering.
 LIGHT_BUDGET = 40_000
+#: How far lines are lifted off the layer they lie in, towards the nozzle [mm].
+LIFT_MM = 0.15
 #: Segments of one piece.
 PIECE = 512
-COLOURINGS = ("layer", "speed")
-_SLOW, _FAST = np.array([190, 30, 45]), np.array([60, 170, 90])
+BY_LAYER, BY_SPEED = COLOURINGS = ("layer", "speed")
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,29 +95,35 @@ class PathView:
         timeline: Timeline,
         layer_count: int,
         *,
-        colouring: str = COLOURINGS[0],
+        speeds: Floats | None = None,
         full_detail: bool = False,
+        cut: Cut | None = None,
     ) -> None:
         """Draw a toolpath, all of it hidden until `set_time`.
 
         Args:
             timeline: The toolpath.
             layer_count: Number of layers, for the colours.
-            colouring: One of `COLOURINGS`.
+            speeds: Speed of the tip at each row, shape (n,), to colour by; by layer when
+                absent.
             full_detail: Draw every point.
+            cut: Where it is cut open, as the layers are.
         """
         self.clear()
         self._timeline = timeline
         budget = len(timeline.points) if full_detail else LIGHT_BUDGET
-        self._pieces = cut_into_pieces(timeline, budget)
-        self._colours = _colours(timeline, layer_count, colouring)
+        self._pieces = [
+            piece
+            for whole in cut_into_pieces(timeline, budget)
+            if len((piece := _this_side(whole, timeline, cut)).ends)
+        ]
+        self._colours = _colours(timeline, layer_count, speeds)
         self._last_ends = np.array([piece.ends[-1] for piece in self._pieces], dtype=np.int64)
         for index, piece in enumerate(self._pieces):
             rows = np.concatenate([piece.starts, piece.ends])
             used, flat = np.unique(rows, return_inverse=True)
-            glb = lines_glb(
-                mm_to_m(timeline.points[used]), flat.reshape(2, -1).T, self._colours[used]
-            )
+            lifted = timeline.points[used] + LIFT_MM * timeline.axes[used]
+            glb = lines_glb(mm_to_m(lifted), flat.reshape(2, -1).T, self._colours[used])
             self._nodes.append(
                 self._scene.add_glb(
                     f"/toolpath/{index:04d}",
@@ -147,7 +155,7 @@ class PathView:
             begun = piece.starts <= moment.row
             if begun.any() and piece.layer in layers:
                 rows = np.column_stack([piece.starts, piece.ends])[begun]
-                lines = timeline.points[rows]
+                lines = timeline.points[rows] + LIFT_MM * timeline.axes[rows]
                 if rows[-1, 1] > moment.row:
                     lines[-1, 1] = moment.tip
         if not len(lines):
@@ -166,12 +174,18 @@ class PathView:
         self._growing.visible = True
 
 
-def _colours(timeline: Timeline, layer_count: int, colouring: str) -> NDArray[np.uint8]:
-    if colouring == "speed":
-        speeds = timeline.speeds()
-        top = float(np.percentile(speeds[timeline.extrude], 95)) if timeline.extrude.any() else 1.0
-        share = np.clip(speeds / max(top, 1e-9), 0.0, 1.0)[:, None]
-        return (_SLOW + share * (_FAST - _SLOW)).astype(np.uint8)
+def _this_side(piece: Piece, timeline: Timeline, cut: Cut | None) -> Piece:
+    """The segments of a piece that a cut leaves."""
+    if cut is None:
+        return piece
+    middles = (timeline.points[piece.starts] + timeline.points[piece.ends]) / 2
+    kept = cut.beyond(middles) <= 0
+    return Piece(piece.layer, piece.starts[kept], piece.ends[kept])
+
+
+def _colours(timeline: Timeline, layer_count: int, speeds: Floats | None) -> NDArray[np.uint8]:
+    if speeds is not None:
+        return speed_colours(speeds, timeline.path_id >= 0)
     table = np.array([layer_colour(n, layer_count) for n in range(max(layer_count, 1))])
     # Darker than the sheets, so that beads stand out on their layer.
-    return (0.55 * table[np.clip(timeline.layer, 0, len(table) - 1)]).astype(np.uint8)
+    return (0.4 * table[np.clip(timeline.layer, 0, len(table) - 1)]).astype(np.uint8)

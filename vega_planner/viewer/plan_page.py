@@ -3,14 +3,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vega_planner.datatypes import Bools, Floats, Layer, ToolpathSet
+from vega_planner.datatypes import Bools, Floats, Ints, Layer, ToolpathSet
 from vega_planner.viewer.html_page import bullets, figure, page, row, table, text
 from vega_planner.viewer.pictures import Scene, View, data_uri, draw, sequential
+from vega_planner.viewer.section import Cut, clipped
 
 if TYPE_CHECKING:
     from vega_planner.pipeline import PrintPlan
@@ -106,14 +108,24 @@ def layer_scene(layers: tuple[Layer, ...], reasons: tuple[Any, ...] = ()) -> Sce
     shades = sequential(np.linspace(0, 1, max(len(layers), 2)))
     flat = bool(layers) and layers[0].kind == "planar"
     for index, layer in enumerate(layers):
-        keep = _behind(layer.vertices, middle)[layer.faces[:, 0]]
         bad = np.zeros(len(layer.faces), bool)
         if index < len(reasons) and len(reasons[index]) == len(layer.faces):
             bad = reasons[index] > 0
         shade = shades[index if not flat else len(layers) - 1 - index]
-        scene.add_mesh(layer.vertices, layer.faces[keep & ~bad], shade)
-        scene.add_mesh(layer.vertices, layer.faces[keep & bad], _UNPRINTABLE)
+        for faces, colour in ((layer.faces[~bad], shade), (layer.faces[bad], _UNPRINTABLE)):
+            for vertices, left in _without_quarter(layer.vertices, faces, middle):
+                scene.add_mesh(vertices, left, colour)
     return scene
+
+
+def _without_quarter(
+    vertices: Floats, faces: Ints, middle: Floats
+) -> Iterator[tuple[Floats, Ints]]:
+    """Cut the quarter out that faces the eye of the usual view; what is left, in two pieces."""
+    across, along = float(middle[0]), float(middle[1])
+    yield clipped(vertices, faces, Cut(0, across, keep_low=True))
+    right = clipped(vertices, faces, Cut(0, across, keep_low=False))
+    yield clipped(*right, Cut(1, along, keep_low=False))
 
 
 def _behind(points: Floats, middle: Floats) -> Bools:

@@ -15,12 +15,21 @@ from vega_planner.datatypes import Bools, Floats, Ints, Layer, Part, TriangleGeo
 from vega_planner.errors import InvalidInput
 from vega_planner.results.ply import read_mesh_ply
 from vega_planner.results.tables import read_table
+from vega_planner.settings import Settings, load_settings
 from vega_planner.viewer.timeline import Timeline, row_times
 
 _TOOLPATH = (
     "path_id", "layer", "x_mm", "y_mm", "z_mm", "tool_x", "tool_y", "tool_z", "extrude",
 )  # fmt: skip
 _TRAJECTORY = ("t_s", "extrude", "path_id")
+_TOLD_BY_SUMMARY = {
+    "layer_thickness_mm": ("layers", "thickness_mm"),
+    "engine": ("layers", "engine"),
+    "bead_width_mm": ("toolpaths", "width_mm"),
+    "robot": ("cell", "robot"),
+    "tool": ("cell", "tool"),
+    "material": ("cell", "material"),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +44,7 @@ class ResultFolder:
             `REASON_CODES`, shape (m,).
         timeline: The toolpath over time; None where the plan has no toolpath.
         summary: Content of `summary.json`.
+        settings: What it was planned with.
         T_base_part: Pose of the part in the robot's base [m], shape (4, 4).
     """
 
@@ -44,6 +54,7 @@ class ResultFolder:
     face_reasons: tuple[Ints, ...]
     timeline: Timeline | None
     summary: dict[str, Any] = field(default_factory=dict)
+    settings: Settings = field(default_factory=Settings)
 
     @property
     def T_base_part(self) -> Floats:
@@ -69,7 +80,29 @@ def read_result(folder: str | Path) -> ResultFolder:
         sheets.append(sheet)
         reasons.append(reason)
     timeline = _timeline(path, summary) if (path / "toolpath.csv").is_file() else None
-    return ResultFolder(path, part, tuple(sheets), tuple(reasons), timeline, summary)
+    settings, _ = result_settings(path)
+    return ResultFolder(path, part, tuple(sheets), tuple(reasons), timeline, summary, settings)
+
+
+def result_settings(folder: Path) -> tuple[Settings, Path | None]:
+    """Read what a result was planned with.
+
+    Returns:
+        The settings, and the file that holds them; where an older result has no such file,
+        what its summary tells, and None.
+
+    Raises:
+        InvalidInput: If a file cannot be read.
+    """
+    file = folder / "settings.yaml"
+    if file.is_file():
+        return load_settings(file), file
+    summary = _summary(folder / "summary.json")
+    changes: dict[str, dict[str, Any]] = {}
+    for key, (section, name) in _TOLD_BY_SUMMARY.items():
+        if key in summary and summary[key] != "planar":
+            changes.setdefault(section, {})[name] = summary[key]
+    return Settings().updated(changes), None
 
 
 def _summary(path: Path) -> dict[str, Any]:
@@ -172,6 +205,7 @@ def _timeline(folder: Path, summary: dict[str, Any]) -> Timeline | None:
         joint_names=names,
         joint_times=sample_times,
         joint_positions=positions,
+        joint_path=sample_path,
     )
 
 

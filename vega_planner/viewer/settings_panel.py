@@ -62,24 +62,6 @@ class SettingsPanel:
             changes.setdefault(section, {})[name] = handle.value
         return self._base.updated(changes)
 
-    def show(self, settings: Settings) -> None:
-        """Put other values into the fields."""
-        self._base = settings
-        for (section, name), handle in self._inputs.items():
-            value = getattr(getattr(settings, section), name)
-            if handle.value != value:
-                handle.value = value
-
-
-def _by_person(on_change: Callable[[], None]) -> Callable[[Any], None]:
-    """Leave out what this program sets itself; such events come from no client."""
-
-    def run(event: Any) -> None:
-        if event.client_id is not None:
-            on_change()
-
-    return run
-
 
 def _input(gui: Any, item: Any, value: Any) -> Any:
     words, unit = label_and_unit(item.name)

@@ -51,6 +51,7 @@ class Timeline:
         joint_names: Names of the joints, length j.
         joint_times: Times of the trajectory's samples [s], shape (k,).
         joint_positions: Joint positions [m, rad], shape (k, j).
+        joint_path: Pass of each sample, -1 on travel, shape (k,).
     """
 
     points: Floats
@@ -62,18 +63,12 @@ class Timeline:
     joint_names: tuple[str, ...]
     joint_times: Floats
     joint_positions: Floats
+    joint_path: Ints
 
     @property
     def duration_s(self) -> float:
         """Time of the last row [s]."""
         return float(self.times[-1]) if len(self.times) else 0.0
-
-    def speeds(self) -> Floats:
-        """Speed of the tip on the way to each row [mm/s], shape (n,)."""
-        length = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
-        result = np.zeros(len(self.points))
-        result[1:] = length / np.maximum(np.diff(self.times), 1e-9)
-        return result
 
     @cached_property
     def layer_starts(self) -> dict[int, float]:

@@ -42,7 +42,7 @@ def moment_text(
     lines = [
         f"{clock(time_s)} of {clock(duration_s)} · layer {moment.layer} · {where}",
         f"dispenser **{'on' if dispensing else 'off'}** · tip "
-        + ", ".join(f"{value:.1f}" for value in moment.tip)
+        + ", ".join(f"{round(value, 1) + 0.0:.1f}" for value in moment.tip)
         + " mm",
     ]
     if state is not None:

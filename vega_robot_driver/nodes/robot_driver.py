@@ -29,7 +29,6 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
-from visualization_msgs.msg import MarkerArray
 
 from vega_msgs.action import ExecutePrint
 from vega_msgs.msg import PrintStatus
@@ -59,6 +58,7 @@ from vega_robot_driver.nodes.conversions import (
     print_status_to_msg,
 )
 from vega_robot_driver.nodes.printed import PrintedBeads
+from vega_robot_driver.nodes.tip_trail import TipTrail
 from vega_robot_driver.resume import approach
 from vega_robot_driver.status import MachineStatus, StatusPage
 
@@ -107,7 +107,8 @@ class RobotDriver(LifecycleNode):
         self._diagnostics = self.create_publisher(DiagnosticArray, "diagnostics", 10)
         self._status = self.create_publisher(PrintStatus, "print_status", 10)
         self._description = self.create_publisher(String, "robot_description", LATCHED)
-        self._beads = PrintedBeads(self.create_publisher(MarkerArray, "printed", LATCHED))
+        self._beads = PrintedBeads(self)
+        self._trail = TipTrail(self)
         shown = MutuallyExclusiveCallbackGroup()
         self.create_timer(1.0 / self._value("joint_state_rate"), self._show_joints, shown)
         self.create_timer(1.0 / self._value("feedback_rate"), self._show_status, shown)
@@ -355,6 +356,7 @@ class RobotDriver(LifecycleNode):
         way = approach(robot, status.positions, job.positions[entry], float(tips[:, 2].max()))
         self._hand_over(job, way, start_u=start, overlap_s=overlap)
         self._beads.start(job, tips)
+        self._trail.clear()
         return link.status().clock
 
     def _hand_over(self, job: PrintJob, way: Floats, **options: float) -> None:
@@ -458,8 +460,10 @@ class RobotDriver(LifecycleNode):
     def _show_joints(self) -> None:
         link, robot = self._link, self._robot
         if link is not None and robot is not None:
-            stamp = self.get_clock().now().to_msg()
-            self._joints.publish(joint_state_to_msg(link.status(), robot.joint_names, stamp))
+            stamp, status = self.get_clock().now().to_msg(), link.status()
+            self._joints.publish(joint_state_to_msg(status, robot.joint_names, stamp))
+            tip, axis, _ = self._tip(status)
+            self._trail.add(tip, axis, dispensing=status.dispenser_on)
 
     def _show_status(self) -> None:
         link = self._link
