@@ -21,6 +21,7 @@ ORDER = (
     "trajectory",
     "whole",
     "fidelity",
+    "ruler",
     "driver",
     "viewer",
 )
