@@ -5,12 +5,11 @@
     .venv/bin/python bench/fidelity.py parts/part1_dome.stl --voxel 0.15
     .venv/bin/python bench/fidelity.py --slicer          PrusaSlicer's G-code as well
 
+    .venv/bin/python bench/fidelity.py --beside spot.obj other meshes beside them
+
 Plans each part three times, prints it virtually, and writes `fidelity.json` and
 `fidelity.md` to docs/results, with the paper's figures beside ours. Both files are
 written anew after each part, so that a run that is stopped leaves what it measured.
-Other meshes stand beside the parts:
-
-    .venv/bin/python bench/fidelity.py --beside spot.obj fandisk.obj
 """
 
 from __future__ import annotations

@@ -23,6 +23,7 @@ ORDER = (
     "trajectory",
     "whole",
     "fidelity",
+    "ruler",
     "driver",
     "viewer",
 )
