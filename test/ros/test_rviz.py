@@ -138,8 +138,8 @@ def test_a_clicked_point_is_answered_with_its_spec(session, planner):
 def test_the_printed_bead_and_the_trail_grow_and_late_joiners_see_all(session, driver, look):
     """What was added bit by bit is what a late joiner is sent whole, and as long as the job's."""
     printed, trail = look("/printed", 50), look("/trail")
-    job = zigzag_job(4)
-    running = Background(lambda: session.execute(goal(), silent))
+    job = zigzag_job(12)
+    running = Background(lambda: session.execute(goal(12), silent))
     lengths, ends = [0.0], []
     while len(lengths) < 4:
         until(lambda: printed.length("printed") > lengths[-1] + 1e-3)
