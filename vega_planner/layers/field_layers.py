@@ -193,7 +193,7 @@ def thicker_creases(layer: Layer, factor: float) -> Layer:
 
 def kept_faces(sheet: Sheet, kept: Bools, thickness: Floats) -> tuple[Floats, Ints, Floats]:
     """Leave out the faces of a sheet that are not kept, and the vertices only they use."""
-    if kept.all():
+    if kept.all() and len(np.unique(sheet.faces)) == len(sheet.vertices):
         return sheet.vertices, sheet.faces, thickness
     used, numbers = np.unique(sheet.faces[kept], return_inverse=True)
     return sheet.vertices[used], numbers.reshape(-1, 3), thickness[used]
