@@ -10,10 +10,11 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 from numba import njit
 
-#: Beads in a block and blocks in a group, each with a ball around it.
-BLOCK, GROUP = 16, 16
+#: Consecutive beads in a block, and children of a node of the tree over the blocks.
+BLOCK, CHILDREN = 4, 8
 
 
 @njit(nogil=True, cache=True)
@@ -24,7 +25,8 @@ def lay_beads(points, axes, width, height, first, out):
         points, axes: (n, 3) bead centres [mm] and unit axes.
         width, height: (n,) [mm].
         first: Row of `out` for the first of the n - 1 beads.
-        out: (k, 10) written: middle, half the way (3), half the flat width (3), radius.
+        out: (k, 11) written: middle, half the way (3), half the flat width (3), radius, and
+            the radius of the ball around it all.
     """
     for k in range(1, points.shape[0]):
         row = first + k - 1
@@ -44,6 +46,8 @@ def lay_beads(points, axes, width, height, first, out):
         out[row, 7] = sy * flat
         out[row, 8] = sz * flat
         out[row, 9] = 0.5 * h
+        way = math.sqrt(dx * dx + dy * dy + dz * dz)
+        out[row, 10] = way + flat * length + 0.5 * h
 
 
 @njit(nogil=True, cache=True)
@@ -51,11 +55,11 @@ def enclose(beads, balls, size):
     """Find a ball around every so many rows.
 
     Args:
-        beads: (k, 10) of `lay_beads`, or (k, 4) balls: middle and radius.
+        beads: (k, 11) of `lay_beads`, or (k, 4) balls: middle and radius.
         balls: (ceil(k / size), 4) written: middle and radius.
         size: Rows to a ball.
     """
-    whole = beads.shape[1] == 10
+    last = beads.shape[1] - 1
     for b in range(balls.shape[0]):
         begin = b * size
         end = min(begin + size, beads.shape[0])
@@ -70,14 +74,7 @@ def enclose(beads, balls, size):
             away = 0.0
             for x in range(3):
                 away += (beads[k, x] - balls[b, x]) ** 2
-            own = beads[k, 3]
-            if whole:
-                way, flat = 0.0, 0.0
-                for x in range(3):
-                    way += beads[k, 3 + x] ** 2
-                    flat += beads[k, 6 + x] ** 2
-                own = math.sqrt(way) + math.sqrt(flat) + beads[k, 9]
-            radius = max(radius, math.sqrt(away) + own)
+            radius = max(radius, math.sqrt(away) + beads[k, last])
         balls[b, 3] = radius
 
 
@@ -127,21 +124,29 @@ def _may_touch(ball, px, py, pz, ux, uy, uz, first, last, widest, step, enough):
 
 @njit(nogil=True, cache=True)
 def _block_gap(
-    beads, begin, end, px, py, pz, ux, uy, uz, at, radius, near
+    beads, begin, end, px, py, pz, ux, uy, uz, at, radius, widest, step, near
 ):  # fmt: skip
     """Measure how far a pose stays from the beads `begin` to `end`, if nearer than `near`."""
     best = near
+    first, last = at[0], at[at.shape[0] - 1]
     for k in range(begin, end):
         x = beads[k, 0] - px
         y = beads[k, 1] - py
         z = beads[k, 2] - pz
+        reach = beads[k, 10] + max(best, 0.0)
+        s = x * ux + y * uy + z * uz
+        if s + reach < first or s - reach > last:
+            continue
+        most = widest[min(int((s + reach) / step) + 1, widest.shape[0] - 1)] + reach
+        square = max(x * x + y * y + z * z - s * s, 0.0)
+        if square > most * most:
+            continue
+        r = math.sqrt(square)
+        if _outside(s, r, at, radius) - beads[k, 10] > best:
+            continue
         way = math.sqrt(beads[k, 3] ** 2 + beads[k, 4] ** 2 + beads[k, 5] ** 2)
         flat = math.sqrt(beads[k, 6] ** 2 + beads[k, 7] ** 2 + beads[k, 8] ** 2)
         h = beads[k, 9]
-        s = x * ux + y * uy + z * uz
-        r = math.sqrt(max(x * x + y * y + z * z - s * s, 0.0))
-        if _outside(s, r, at, radius) - way - flat - h > best:
-            continue
         along = max(1, math.ceil(way / 0.2))
         across = max(1, math.ceil(flat / 0.15)) if flat > 1e-9 else 0
         for m in range(-along, along + 1):
@@ -159,17 +164,21 @@ def _block_gap(
 
 @njit(nogil=True, cache=True)
 def bead_clearance(
-    points, axes, counts, beads, blocks, groups, at, radius, widest, step, enough, give_up, out
-):
+    points, axes, counts, beads, block, balls, earliest, level, at, radius, widest, step, enough,
+    give_up, out,
+):  # fmt: skip
     """Measure how far tool poses stay from the beads that are there.
 
-    What one pose hits, the next one is held against first; then the youngest beads.
+    What one pose hits, the next one is held against first.
 
     Args:
         points, axes: (n, 3) tips [mm] and unit axes.
         counts: (n,) number of beads laid before each pose.
-        beads: (k, 10) of `lay_beads`.
-        blocks, groups: balls around `BLOCK` beads, and around `GROUP` blocks, (k, 4).
+        beads: (k, 11) of `lay_beads`.
+        block: (b,) blocks of `BLOCK` beads in the order of the tree's leaves.
+        balls: (m, 4) balls around the nodes of the tree, leaves first, level by level.
+        earliest: (m,) first bead of each node.
+        level: (l + 1,) where the nodes of each level begin, and their end.
         at, radius: (c,) corners of the tool's outline from where it begins to count [mm].
         widest: largest radius [mm] of the tool up to s = `step` * index.
         enough: Clearance [mm] beyond which the exact value does not matter; the most that
@@ -178,6 +187,9 @@ def bead_clearance(
         out: (n,) float64, written: clearance [mm], negative where the tool is in a bead.
     """
     first, last = at[0], at[at.shape[0] - 1]
+    top = level.shape[0] - 2
+    nodes = np.empty(CHILDREN * level.shape[0] + 1, np.int64)
+    heights = np.empty(nodes.shape[0], np.int64)
     hint = -1
     for i in range(points.shape[0]):
         px, py, pz = points[i, 0], points[i, 1], points[i, 2]
@@ -187,29 +199,30 @@ def bead_clearance(
         if hint >= 0 and hint * BLOCK < count:
             best = _block_gap(
                 beads, hint * BLOCK, min((hint + 1) * BLOCK, count), px, py, pz, ux, uy, uz,
-                at, radius, best,
+                at, radius, widest, step, best,
             )  # fmt: skip
-        for g in range((count + BLOCK * GROUP - 1) // (BLOCK * GROUP) - 1, -1, -1):
-            if best < give_up:
-                break
-            near = max(best, 0.0)
-            if not _may_touch(
-                groups[g], px, py, pz, ux, uy, uz, first, last, widest, step, near
-            ):  # fmt: skip
+        waiting = 1
+        nodes[0], heights[0] = 0, top
+        while waiting > 0 and best >= give_up:
+            waiting -= 1
+            node, height = nodes[waiting], heights[waiting]
+            row = level[height] + node
+            if earliest[row] >= count or not _may_touch(
+                balls[row], px, py, pz, ux, uy, uz, first, last, widest, step, max(best, 0.0)
+            ):
                 continue
-            end = min((g + 1) * GROUP, (count + BLOCK - 1) // BLOCK)
-            for b in range(end - 1, g * GROUP - 1, -1):
-                if not _may_touch(
-                    blocks[b], px, py, pz, ux, uy, uz, first, last, widest, step, max(best, 0.0)
-                ):  # fmt: skip
-                    continue
-                gap = _block_gap(
-                    beads, b * BLOCK, min((b + 1) * BLOCK, count), px, py, pz, ux, uy, uz,
-                    at, radius, best,
-                )  # fmt: skip
-                if gap < best:
-                    best = gap
-                    hint = b
-                if best < give_up:
-                    break
+            if height > 0:
+                end = min((node + 1) * CHILDREN, level[height] - level[height - 1])
+                for child in range(node * CHILDREN, end):
+                    nodes[waiting], heights[waiting] = child, height - 1
+                    waiting += 1
+                continue
+            b = block[node]
+            gap = _block_gap(
+                beads, b * BLOCK, min((b + 1) * BLOCK, count), px, py, pz, ux, uy, uz,
+                at, radius, widest, step, best,
+            )  # fmt: skip
+            if gap < best:
+                best = gap
+                hint = b
         out[i] = best

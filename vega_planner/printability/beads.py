@@ -26,7 +26,7 @@ class Beads:
 
     def __init__(self, passes: Sequence[Toolpath], first: Ints) -> None:
         counts = [len(path.points) - 1 for path in passes]
-        self._beads = np.empty((sum(counts), 10))
+        self._beads = np.empty((sum(counts), 11))
         row = 0
         laid = []
         for path, count, number in zip(passes, counts, first):
@@ -35,8 +35,7 @@ class Beads:
             row += count
         #: Number of the waypoint at which each bead ends.
         self.laid = np.concatenate(laid) if laid else np.zeros(0, np.int64)
-        self._blocks = _balls(self._beads, kernels.BLOCK)
-        self._groups = _balls(self._blocks, kernels.GROUP)
+        self._tree = _tree(self._beads)
 
     def clearance(
         self,
@@ -70,8 +69,8 @@ class Beads:
             part = np.empty(len(piece))
             kernels.bead_clearance(
                 np.ascontiguousarray(tips[piece]), np.ascontiguousarray(axes[piece]),
-                counts[piece], self._beads, self._blocks, self._groups, at, radius, widest,
-                STEP_MM, enough_mm, give_up_mm, part,
+                counts[piece], self._beads, *self._tree, at, radius, widest, STEP_MM, enough_mm,
+                give_up_mm, part,
             )  # fmt: skip
             out[piece] = part
 
@@ -95,6 +94,38 @@ class Beads:
         depth = np.interp(s, tool.distance, tool.radius) - r
         depth = np.minimum(depth, np.minimum(s - tool.start_mm, tool.distance[-1] - s)) + reach
         return int(self.laid[int(np.argmax(depth))])
+
+
+def _tree(beads: Floats) -> tuple[Ints, Floats, Ints, Ints]:
+    """Build the tree over blocks of beads that `bead_clearance` goes down.
+
+    Returns:
+        Blocks in the order of the leaves, balls of the nodes, the first bead of each, and
+        where the levels begin.
+    """
+    leaves = _balls(beads, kernels.BLOCK)
+    block = _along_a_curve(leaves[:, :3])
+    balls, earliest = [leaves[block]], [block * kernels.BLOCK]
+    while len(balls[-1]) > 1:
+        starts = np.arange(0, len(balls[-1]), kernels.CHILDREN)
+        earliest.append(np.minimum.reduceat(earliest[-1], starts))
+        balls.append(_balls(balls[-1], kernels.CHILDREN))
+    level = np.cumsum([0, *(len(rows) for rows in balls)])
+    return block, np.concatenate(balls), np.concatenate(earliest), level
+
+
+def _along_a_curve(points: Floats) -> Ints:
+    """Order points along Morton's curve, so that neighbours in the list are neighbours."""
+    if not len(points):
+        return np.zeros(0, np.int64)
+    low = points.min(0)
+    cell = max(float((points.max(0) - low).max()), 1e-9) / 1023.0
+    place = ((points - low) / cell).astype(np.int64)
+    code = np.zeros(len(points), np.int64)
+    for bit in range(10):
+        for axis in range(3):
+            code |= ((place[:, axis] >> bit) & 1) << (3 * bit + axis)
+    return np.argsort(code, kind="stable")
 
 
 def _balls(rows: Floats, size: int) -> Floats:

@@ -183,7 +183,7 @@ def check_toolpaths(
         index = np.arange(begin, min(begin + AT_ONCE, len(gap)))
         for shape, chosen in ((near, ~way.free[index]), (whole, way.free[index])):
             at = index[chosen]
-            other = beads.clearance(shape, way.points[at], way.axes[at], at) + TOUCH_MM
+            other = beads.clearance(shape, way.points[at], way.axes[at], at, 0.0) + TOUCH_MM
             name[at[(other < 0) & (other < gap[at])]] = "printed_part"
             gap[at] = np.minimum(gap[at], other)
         report(Progress("checks", (begin + len(index)) / len(gap)))
