@@ -4,12 +4,14 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from vega_planner.datatypes import Ints, Layer, Part, Patch
+from vega_planner.parallel import map_threads
 from vega_planner.results.folder import write_folder
 from vega_planner.results.ply import mesh_ply
 from vega_planner.results.stl import mesh_stl
@@ -56,13 +58,16 @@ def write_plan(plan: PrintPlan, folder: str | Path) -> Path:
         files[f"layers/{name}.ply"] = _layer_ply(layer, reason)
     for index, patch in enumerate(plan.patches):
         files[f"patches/patch_{index:03d}.ply"] = _patch_ply(patch)
-    files["toolpath.csv"] = toolpath_csv(plan.toolpaths)
-    files["trajectory.csv"] = trajectory_csv(plan.trajectory)
-    files["velocities.csv"] = velocities_csv(plan.trajectory)
+    tables: dict[str, Callable[[], bytes]] = {
+        "toolpath.csv": lambda: toolpath_csv(plan.toolpaths),
+        "trajectory.csv": lambda: trajectory_csv(plan.trajectory),
+        "velocities.csv": lambda: velocities_csv(plan.trajectory),
+        "plan.html": lambda: plan_page(plan),
+    }
+    files.update(zip(tables, map_threads(lambda make: make(), tables.values())))
     files["certificate.json"] = _json(plan.certificate)
     files["settings.yaml"] = _yaml(as_dict(plan.settings))
     files["summary.json"] = summary_json(plan.summary)
-    files["plan.html"] = plan_page(plan)
     return write_folder(folder, files, OBSOLETE)
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vega_planner.datatypes import Bools, Floats, Ints, Layer, ToolpathSet
+from vega_planner.parallel import map_threads
 from vega_planner.viewer.html_page import bullets, figure, page, row, table, text
 from vega_planner.viewer.pictures import Scene, View, data_uri, draw, sequential
 from vega_planner.viewer.section import Cut, clipped
@@ -65,19 +66,19 @@ def write_plan_page(folder: str | Path, plan: PrintPlan) -> Path:
 
 
 def _pictures(plan: PrintPlan) -> list[str]:
-    part = plan.part
     width = float(plan.summary["bead_width_mm"])
-    return [
-        figure(data_uri(draw(_part_scene(part), View())), _part_caption(part)),
-        figure(
-            data_uri(draw(layer_scene(plan.stack.sheets, plan.printability.face_reasons), View())),
-            "Layers, cut open; from the first generated (dark) to the last (light)",
-        ),
-        figure(
-            data_uri(draw(path_scene(plan.toolpaths), View(), 0.4 * width)),
-            "Toolpath, cut open; in print order from dark to light",
-        ),
-    ]
+    scenes = (
+        (lambda: _part_scene(plan.part), 0.0),
+        (lambda: layer_scene(plan.stack.sheets, plan.printability.face_reasons), 0.0),
+        (lambda: path_scene(plan.toolpaths), 0.4 * width),
+    )
+    captions = (
+        _part_caption(plan.part),
+        "Layers, cut open; from the first generated (dark) to the last (light)",
+        "Toolpath, cut open; in print order from dark to light",
+    )
+    pictures = map_threads(lambda one: data_uri(draw(one[0](), View(), one[1])), scenes)
+    return [figure(picture, caption) for picture, caption in zip(pictures, captions)]
 
 
 def _part_scene(part: Any) -> Scene:
