@@ -1,9 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compile every kernel by planning small parts once; the machine code is cached on disk."""
+"""Compile every kernel by planning small parts once; the machine code is cached on disk.
+
+A second process plans flat layers meanwhile: it needs no kernel of the enveloping layers,
+and has those of the later stages ready when the first comes to them.
+"""
 
 from __future__ import annotations
 
 import os
+import subprocess
 import sys
 import tempfile
 import warnings
@@ -20,9 +25,9 @@ CASES: tuple[tuple[str, dict[str, Any]], ...] = (
     ("down", {"toolpaths": {"pattern": "zigzag"}}),
     ("down", {"toolpaths": {"pattern": "spiral"}}),
     ("down", {"toolpaths": {"pattern": "zigzag", "spacing": "euclidean"}}),
-    ("down", {"layers": {"engine": "planar"}, "printability": {"orientation": "vertical"}}),
     ("none", {}),
 )
+FLAT = ("down", {"layers": {"engine": "planar"}, "printability": {"orientation": "vertical"}})
 
 
 def half_ball(radius: float = 6.0, rings: int = 12, turns: int = 32) -> tuple[Any, Any]:
@@ -49,8 +54,17 @@ def half_ball(radius: float = 6.0, rings: int = 12, turns: int = 32) -> tuple[An
     return vertices, np.array(faces)
 
 
-def main() -> int:
-    """Plan each case; then print one virtually."""
+def main(words: list[str]) -> int:
+    """Plan all cases, in two processes; 1 where one could not be planned."""
+    if words == ["flat"]:
+        return warm((FLAT,))
+    beside = subprocess.Popen([sys.executable, __file__, "flat"])
+    status = warm(CASES)
+    return beside.wait() or status
+
+
+def warm(cases: tuple[tuple[str, dict[str, Any]], ...]) -> int:
+    """Plan each case; print the first virtually."""
     from vega_planner.assess.virtual_print import simulate_folder
     from vega_planner.errors import VegaError
     from vega_planner.pipeline import plan
@@ -60,7 +74,7 @@ def main() -> int:
     mesh = half_ball()
     status = 0
     with tempfile.TemporaryDirectory() as folder:
-        for index, (brr, changes) in enumerate(CASES):
+        for index, (brr, changes) in enumerate(cases):
             settings = Settings().updated({"part": {"brr": [brr]}, **changes})
             try:
                 result = plan((*mesh, "half ball"), settings)
@@ -74,4 +88,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    raise SystemExit(main(sys.argv[1:]))
