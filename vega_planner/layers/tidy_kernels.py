@@ -131,7 +131,7 @@ def fits(
     """Tell whether a new face may take the place of one with normal o and height old."""
     normal = np.zeros(3)
     tall = shape_of(vertices, a, b, c, normal)
-    if tall < height and tall < 0.999 * old or tall < 1e-6:
+    if (tall < height and tall < 0.999 * old) or tall < 1e-6:
         return False
     if old >= height and normal[0] * ox + normal[1] * oy + normal[2] * oz < ALIKE:
         return False
