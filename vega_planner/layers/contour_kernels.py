@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from vega_planner.layers.grid_kernels import INSIDE
+from vega_planner.layers.grid_kernels import FACING, INSIDE
 from vega_planner.layers.triangle_kernels import (
     closest,
     first_hit,
@@ -77,6 +77,9 @@ def root_along(tri, sa, sb, px, py, pz, axis, length, da, db, r):
     """
     low, high = 0.0, 1.0
     f, g = da - r, db - r
+    if (f > 0.0) == (g > 0.0):
+        # The level lies between two nodes that have both not reached it.
+        return (0.0, sa) if da > db else (1.0, sb)
     u = f / (f - g)
     s = sa
     for _ in range(6):
@@ -95,6 +98,27 @@ def root_along(tri, sa, sb, px, py, pz, axis, length, da, db, r):
         else:
             high, g = u, e
     return u, s
+
+
+@njit(nogil=True, cache=True)
+def crossing(d, gradient, level, lev, a, b, axis, h, r):
+    """Estimate where a level crosses the edge of the grid from node a to node b.
+
+    Both may lie before the level where it is narrower than the grid; the one that counts
+    as before it then tells where it begins.
+
+    Returns:
+        Parameter from 0 at a to 1 at b.
+    """
+    f, g = d[a] - r, d[b] - r
+    if (f > 0.0) != (g > 0.0):
+        return f / (f - g)
+    turned = level[a] > lev
+    along = -gradient[b, axis] if turned else gradient[a, axis]
+    u = 0.5
+    if along > FACING:
+        u = min(-(g if turned else f) / (h * along), 1.0)
+    return 1.0 - u if turned else u
 
 
 @njit(nogil=True, cache=True)
@@ -527,7 +551,7 @@ def make_vertices(
                                 continue
                             ca, cb = edges[e, 0], edges[e, 1]
                             na, nb = n + corner_step[ca], n + corner_step[cb]
-                            u = (d[na] - r) / (d[na] - d[nb])
+                            u = crossing(d, gradient, level, lev, na, nb, e // 4, h, r)
                             x = i + (ca & 1) + (u if e < 4 else 0.0)
                             y = j + (ca >> 1 & 1) + (u if 4 <= e < 8 else 0.0)
                             z = k + (ca >> 2 & 1) + (u if e >= 8 else 0.0)

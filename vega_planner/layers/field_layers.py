@@ -18,6 +18,7 @@ from vega_planner.layers.geodesic import Sources, bend_distances, is_convex_at_r
 from vega_planner.layers.grid import finish, sample_part
 from vega_planner.layers.refine import refine_sheet
 from vega_planner.layers.summits import with_summits
+from vega_planner.layers.tidy import tidy_sheet
 from vega_planner.parallel import map_threads
 from vega_planner.progress import Report
 from vega_planner.settings import LayerSettings
@@ -106,7 +107,9 @@ def field_layers(part: Part, settings: LayerSettings, report: Report) -> LayerSt
     sheets = contour_levels(grid, sources, brr, t / 2, t)
     if len(sources.box):
         sheets = with_summits(grid, field, brr, sheets, t, SLIVER_RATIO * t / 2)
-    sheets = map_threads(lambda sheet: refine_sheet(sheet, sources, brr), sheets)
+    sheets = map_threads(
+        lambda sheet: tidy_sheet(refine_sheet(sheet, sources, brr), sources, t), sheets
+    )
     core = Core.nothing(sheets, t)
     if settings.fill_core:
         core = fill_core(part, grid, field, brr, sheets, t)

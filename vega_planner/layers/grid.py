@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -182,3 +183,19 @@ def finish(grid: Grid, tri: Floats, brr: DistanceField | None, r0: float, t: flo
         ),
         plane_slabs(nx),
     )  # fmt: skip
+    for mark in (kernels.mark_hidden, kernels.mark_bridges):
+        _raise_levels(grid, mark, r0, t)
+
+
+def _raise_levels(grid: Grid, mark: Any, r0: float, t: float) -> None:
+    """Count the nodes that a kernel marks as one level deeper."""
+    nx, ny, nz = grid.shape
+    raised = np.zeros(len(grid.level), np.uint8)
+    map_threads(
+        lambda s: mark(
+            grid.state, grid.distance, grid.gradient, grid.level, grid.spacing, ny, nz, *s, r0, t,
+            raised,
+        ),
+        plane_slabs(nx),
+    )  # fmt: skip
+    grid.level[raised > 0] += 1

@@ -16,6 +16,12 @@ from vega_planner.layers.triangle_kernels import closest, measure, nearest, walk
 #: States of a node.
 NONE, RING, INSIDE = 0, 1, 2
 
+#: Least cosine between an edge and the gradients at its ends where fronts face each other.
+FACING = 0.3
+
+#: Half the width of the narrowest level sets that are looked for between nodes [mm].
+HIDDEN_MM = 0.02
+
 
 @njit(nogil=True, cache=True)
 def edge_side(px, py, qx, qy, x, y):
@@ -281,3 +287,76 @@ def finish_nodes(
                 gradient[n, 2] = gz
                 if d[n] > r0:
                     level[n] = int(np.ceil((np.float64(d[n]) - r0) / t))
+
+
+@njit(nogil=True, cache=True)
+def mark_hidden(state, d, gradient, level, h, ny, nz, first, last, r0, t, raised):
+    """Mark the nodes between which and a neighbour a level is passed there and back.
+
+    Where two fronts face each other and the level set between them is narrower than the
+    grid, it may lie between two nodes that have both not reached it. The deeper one is
+    marked; both of its neighbours see the level then, each from its own side.
+
+    Args:
+        raised: Result, 1 at the marked nodes; planes first:last + 1 are written.
+    """
+    step = (ny * nz, nz, 1)
+    for i in range(first, last):
+        for j in range(1, ny - 1):
+            for k in range(1, nz - 1):
+                n = (i * ny + j) * nz + k
+                if d[n] <= 0.0 or state[n] == NONE:
+                    continue
+                for axis in range(3):
+                    m = n + step[axis]
+                    if level[m] != level[n] or d[m] <= 0.0 or state[m] == NONE:
+                        continue
+                    along, against = gradient[n, axis], -gradient[m, axis]
+                    if along < FACING or against < FACING:
+                        continue
+                    x = (d[m] - d[n] + against * h) / (along + against)
+                    if x <= 0.0 or x >= h:
+                        continue
+                    if d[n] + along * x > r0 + t * level[n] + HIDDEN_MM:
+                        raised[n if d[n] >= d[m] else m] = 1
+
+
+@njit(nogil=True, cache=True)
+def mark_bridges(state, d, gradient, level, h, ny, nz, first, last, r0, t, raised):
+    """Mark nodes through which a narrow level set goes on from a node to one diagonal to it.
+
+    Of the corners of a square two opposite ones are past a level and two are not. Where
+    the level is passed between the two that are, the deeper of the others is marked, or
+    the set would be pierced there.
+
+    Args:
+        raised: Result, 1 at the marked nodes; planes first:last + 1 are written.
+    """
+    step = (ny * nz, nz, 1)
+    for i in range(first, last):
+        for j in range(1, ny - 1):
+            for k in range(1, nz - 1):
+                n = (i * ny + j) * nz + k
+                if state[n] == NONE:
+                    continue
+                for axis in range(3):
+                    for other in range(axis + 1, 3):
+                        a, b = n + step[axis], n + step[other]
+                        c = a + step[other]
+                        if state[a] == NONE or state[b] == NONE or state[c] == NONE:
+                            continue
+                        p, q, e, f = n, c, a, b
+                        way = 1.0
+                        if min(level[a], level[b]) > max(level[n], level[c]):
+                            p, q, e, f = a, b, n, c
+                            way = -1.0
+                        elif min(level[n], level[c]) <= max(level[a], level[b]):
+                            continue
+                        if d[e] <= 0.0 or d[f] <= 0.0:
+                            continue
+                        x = way * gradient[p, axis] + gradient[p, other]
+                        y = way * gradient[q, axis] + gradient[q, other]
+                        middle = min(d[p] + 0.5 * h * x, d[q] - 0.5 * h * y)
+                        deeper = e if d[e] >= d[f] else f
+                        if middle > r0 + t * level[deeper]:
+                            raised[deeper] = 1

@@ -1,0 +1,312 @@
+# SPDX-License-Identifier: Apache-2.0
+# mypy: disable-error-code="no-untyped-def"
+"""Compiled merging and flipping of the edges of slivers."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from vega_planner.layers.triangle_kernels import walk
+
+#: Longest edge whose ends are merged, and longest of the rim [mm].
+SHORT_MM, SHORT_RIM_MM = 0.1, 0.02
+
+#: Distance from the level set that the centre of a new face may have [mm].
+CENTRE_MM = 0.015
+
+#: Least cosine between the normals of a face before and after a change.
+ALIKE = 0.95
+
+#: Most faces about a vertex that is changed.
+MOST_AROUND = 32
+
+
+@njit(nogil=True, cache=True)
+def faces_around(faces, count):
+    """List the faces about each vertex.
+
+    Returns:
+        Start of each vertex in the list, shape (count + 1,), and the list.
+    """
+    start = np.zeros(count + 1, np.int64)
+    for f in range(len(faces)):
+        for c in range(3):
+            start[faces[f, c] + 1] += 1
+    for v in range(count):
+        start[v + 1] += start[v]
+    fill = start[:-1].copy()
+    around = np.zeros(start[count], np.int64)
+    for f in range(len(faces)):
+        for c in range(3):
+            v = faces[f, c]
+            around[fill[v]] = f
+            fill[v] += 1
+    return start, around
+
+
+@njit(nogil=True, cache=True)
+def shape_of(vertices, a, b, c, normal):
+    """Measure a triangle.
+
+    Args:
+        normal: Result: its unit normal, zero where it has no area.
+
+    Returns:
+        Its height over the longest side [mm].
+    """
+    ux, uy, uz = (
+        vertices[b, 0] - vertices[a, 0],
+        vertices[b, 1] - vertices[a, 1],
+        vertices[b, 2] - vertices[a, 2],
+    )
+    vx, vy, vz = (
+        vertices[c, 0] - vertices[a, 0],
+        vertices[c, 1] - vertices[a, 1],
+        vertices[c, 2] - vertices[a, 2],
+    )
+    x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    area = np.sqrt(x * x + y * y + z * z)
+    wx, wy, wz = vx - ux, vy - uy, vz - uz
+    longest = np.sqrt(
+        max(ux * ux + uy * uy + uz * uz, vx * vx + vy * vy + vz * vz, wx * wx + wy * wy + wz * wz)
+    )
+    scale = 1.0 / area if area > 1e-12 else 0.0
+    normal[0], normal[1], normal[2] = x * scale, y * scale, z * scale
+    return area / max(longest, 1e-12)
+
+
+@njit(nogil=True, cache=True)
+def centre_error(tri, corner, ring_start, ring, vertices, slots, a, b, c, r):
+    """Measure how far the centre of a face is from the level set."""
+    x = (vertices[a, 0] + vertices[b, 0] + vertices[c, 0]) / 3.0
+    y = (vertices[a, 1] + vertices[b, 1] + vertices[c, 1]) / 3.0
+    z = (vertices[a, 2] + vertices[b, 2] + vertices[c, 2]) / 3.0
+    least = 1e300
+    for v in (a, b, c):
+        _, d2, _, _, _ = walk(tri, corner, ring_start, ring, slots[v], x, y, z)
+        least = min(least, d2)
+    return abs(np.sqrt(least) - r)
+
+
+@njit(nogil=True, cache=True)
+def squared(vertices, a, b):
+    """Return the squared length of an edge."""
+    total = 0.0
+    for k in range(3):
+        total += (vertices[a, k] - vertices[b, k]) ** 2
+    return total
+
+
+@njit(nogil=True, cache=True)
+def neighbours(faces, start, around, v, out):
+    """List the vertices that share an edge with v; a rim vertex has one more than faces."""
+    count = 0
+    for i in range(start[v], start[v + 1]):
+        for c in range(3):
+            w = faces[around[i], c]
+            if w == v:
+                continue
+            known = False
+            for q in range(count):
+                if out[q] == w:
+                    known = True
+                    break
+            if not known:
+                out[count] = w
+                count += 1
+    return count
+
+
+@njit(nogil=True, cache=True)
+def has(faces, f, v):
+    """Tell whether a face has a corner."""
+    return faces[f, 0] == v or faces[f, 1] == v or faces[f, 2] == v
+
+
+@njit(nogil=True, cache=True)
+def fits(
+    tri, corner, ring_start, ring, vertices, slots, a, b, c, r, height, allowed, old, ox, oy, oz
+):
+    """Tell whether a new face may take the place of one with normal o and height old."""
+    normal = np.zeros(3)
+    tall = shape_of(vertices, a, b, c, normal)
+    if (tall < height and tall < 0.999 * old) or tall < 1e-6:
+        return False
+    if old >= height and normal[0] * ox + normal[1] * oy + normal[2] * oz < ALIKE:
+        return False
+    return centre_error(tri, corner, ring_start, ring, vertices, slots, a, b, c, r) <= allowed
+
+
+@njit(nogil=True, cache=True)
+def can_merge(
+    tri, corner, ring_start, ring, vertices, slots, faces, start, around, r, height, gone, stays,
+    mine, others,
+):  # fmt: skip
+    """Tell whether vertex `gone` may become `stays`."""
+    first, last = start[gone], start[gone + 1]
+    if last - first > MOST_AROUND or start[stays + 1] - start[stays] > MOST_AROUND:
+        return False
+    count = neighbours(faces, start, around, gone, mine)
+    other_count = neighbours(faces, start, around, stays, others)
+    shared = 0
+    for i in range(first, last):
+        if has(faces, around[i], stays):
+            shared += 1
+    common = 0
+    for p in range(count):
+        for q in range(other_count):
+            if mine[p] == others[q]:
+                common += 1
+    if common != shared or shared < 1 or shared > 2 or last - first < 3 + (shared < 2):
+        return False
+    if count != last - first:
+        # A rim vertex may go along the rim only.
+        if shared != 1 or squared(vertices, gone, stays) > SHORT_RIM_MM**2:
+            return False
+    elif shared != 2:
+        return False
+    normal, new = np.zeros(3), np.zeros(3, np.int64)
+    for i in range(first, last):
+        f = around[i]
+        if has(faces, f, stays):
+            continue
+        old = shape_of(vertices, faces[f, 0], faces[f, 1], faces[f, 2], normal)
+        for c in range(3):
+            new[c] = stays if faces[f, c] == gone else faces[f, c]
+        allowed = max(
+            CENTRE_MM,
+            centre_error(
+                tri, corner, ring_start, ring, vertices, slots,
+                faces[f, 0], faces[f, 1], faces[f, 2], r,
+            ),
+        )  # fmt: skip
+        if not fits(
+            tri, corner, ring_start, ring, vertices, slots, new[0], new[1], new[2], r, height,
+            allowed, old, normal[0], normal[1], normal[2],
+        ):  # fmt: skip
+            return False
+        if old < height and not keeps_side(vertices, slots, tri, new, normal):
+            return False
+    return True
+
+
+@njit(nogil=True, cache=True)
+def keeps_side(vertices, slots, tri, new, normal):
+    """Tell whether a face looks towards S, as the outward side of a sheet does."""
+    shape_of(vertices, new[0], new[1], new[2], normal)
+    for v in new:
+        s = slots[v]
+        if normal[0] * tri[s, 9] + normal[1] * tri[s, 10] + normal[2] * tri[s, 11] > 0.3:
+            return True
+    return False
+
+
+@njit(nogil=True, cache=True)
+def flip(
+    tri, corner, ring_start, ring, vertices, slots, faces, start, around, r, height, f, side, mine
+):
+    """Flip the edge of face f that begins at corner `side`, if that may be.
+
+    Returns:
+        The other face of the edge, -1 where it stays.
+    """
+    p, q, c = faces[f, side], faces[f, (side + 1) % 3], faces[f, (side + 2) % 3]
+    g, shared = -1, 0
+    for i in range(start[p], start[p + 1]):
+        if has(faces, around[i], q):
+            shared += 1
+            if around[i] != f:
+                g = around[i]
+    if shared != 2 or g < 0 or start[c + 1] - start[c] > MOST_AROUND:
+        return -1
+    d = faces[g, 0] + faces[g, 1] + faces[g, 2] - p - q
+    for i in range(neighbours(faces, start, around, c, mine)):
+        if mine[i] == d:
+            return -1
+    normal = np.zeros(3)
+    old = shape_of(vertices, faces[g, 0], faces[g, 1], faces[g, 2], normal)
+    if old < height:
+        return -1
+    allowed = max(
+        CENTRE_MM,
+        centre_error(
+            tri, corner, ring_start, ring, vertices, slots,
+            faces[g, 0], faces[g, 1], faces[g, 2], r,
+        ),
+    )  # fmt: skip
+    for x, y, z in ((p, d, c), (d, q, c)):
+        # Both new faces must be better than a sliver.
+        if not fits(
+            tri, corner, ring_start, ring, vertices, slots, x, y, z, r, height, allowed,
+            1e30, normal[0], normal[1], normal[2],
+        ):  # fmt: skip
+            return -1
+    faces[f, 0], faces[f, 1], faces[f, 2] = p, d, c
+    faces[g, 0], faces[g, 1], faces[g, 2] = d, q, c
+    return g
+
+
+@njit(nogil=True, cache=True)
+def tidy_faces(tri, corner, ring_start, ring, vertices, slots, faces, start, around, r, height):
+    """Go through the slivers of a sheet once; faces that vanish get -1 as first corner.
+
+    Around a change nothing else is changed, since the lists of faces no longer hold.
+
+    Returns:
+        Number of changes.
+    """
+    locked = np.zeros(len(vertices), np.uint8)
+    mine, others = np.zeros(2 * MOST_AROUND + 2, np.int64), np.zeros(2 * MOST_AROUND + 2, np.int64)
+    normal = np.zeros(3)
+    side = np.zeros(3)
+    changed = 0
+    for f in range(len(faces)):
+        if faces[f, 0] < 0:
+            continue
+        if locked[faces[f, 0]] or locked[faces[f, 1]] or locked[faces[f, 2]]:
+            continue
+        if shape_of(vertices, faces[f, 0], faces[f, 1], faces[f, 2], normal) >= height:
+            continue
+        for c in range(3):
+            side[c] = squared(vertices, faces[f, c], faces[f, (c + 1) % 3])
+        short, long = np.argmin(side), np.argmax(side)
+        done = False
+        if side[short] < SHORT_MM * SHORT_MM:
+            for turn in range(2):
+                gone = faces[f, (short + turn) % 3]
+                stays = faces[f, (short + 1 - turn) % 3]
+                if not can_merge(
+                    tri, corner, ring_start, ring, vertices, slots, faces, start, around, r,
+                    height, gone, stays, mine, others,
+                ):  # fmt: skip
+                    continue
+                for i in range(start[gone], start[gone + 1]):
+                    g = around[i]
+                    for c in range(3):
+                        locked[faces[g, c]] = 1
+                    if has(faces, g, stays):
+                        faces[g, 0] = -1
+                        continue
+                    for c in range(3):
+                        if faces[g, c] == gone:
+                            faces[g, c] = stays
+                for i in range(start[stays], start[stays + 1]):
+                    if faces[around[i], 0] >= 0:
+                        for c in range(3):
+                            locked[faces[around[i], c]] = 1
+                changed += 1
+                done = True
+                break
+        if done:
+            continue
+        g = flip(
+            tri, corner, ring_start, ring, vertices, slots, faces, start, around, r, height, f,
+            long, mine,
+        )  # fmt: skip
+        if g >= 0:
+            for c in range(3):
+                locked[faces[f, c]] = 1
+                locked[faces[g, c]] = 1
+            changed += 1
+    return changed
