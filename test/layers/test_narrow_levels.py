@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Level sets as narrow as the grid have no holes in plates about an axis, and sheets no needless slivers."""
+"""Thin plates about an axis get sheets without holes; sheets have no needless slivers."""
 
 from __future__ import annotations
 
