@@ -284,12 +284,9 @@ def _leaving(
 
 def connected_pieces(count: int, faces: Ints) -> Ints:
     """Number the connected pieces of a mesh: the piece of each face, shape (m,)."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
-    first, second = faces[:, [0, 1]].ravel(), faces[:, [1, 2]].ravel()
-    links = coo_matrix((np.ones(len(first)), (first, second)), shape=(count, count))
-    return np.asarray(connected_components(links, directed=False)[1][faces[:, 0]], np.int64)
+    piece = np.zeros(len(faces), np.int64)
+    kernels.label_pieces(count, np.ascontiguousarray(faces, np.int64), piece)
+    return piece
 
 
 def _middles(front: Front) -> Floats:
@@ -297,8 +294,9 @@ def _middles(front: Front) -> Floats:
 
 
 def _areas(front: Front) -> Floats:
-    a, b, c = (front.vertices[front.faces[:, n]] for n in range(3))
-    return np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+    areas = np.zeros(len(front.faces))
+    kernels.measure_areas(front.vertices, np.ascontiguousarray(front.faces, np.int64), areas)
+    return areas
 
 
 def sheet_front(
@@ -438,12 +436,10 @@ def _face_gaps(front: Front, t: float) -> tuple[Floats, Bools]:
     Returns:
         Gap at each face [mm], infinite where it is open, and whether fronts meet there.
     """
-    room = front.room[front.faces]
-    ends = np.isfinite(room)
-    count = ends.sum(1)
-    mean = np.where(ends, room, 0).sum(1) / np.maximum(count, 1)
-    gap = np.where(count > 0, mean - (front.level + 1) * t, np.inf)
-    return gap, np.asarray(front.opposed[front.faces].any(1))
+    gap, meets = np.zeros(len(front.faces)), np.zeros(len(front.faces), np.bool_)
+    faces = np.ascontiguousarray(front.faces, np.int64)
+    kernels.average_rooms(faces, front.room, front.opposed, (front.level + 1) * t, gap, meets)
+    return gap, meets
 
 
 def _amount(fronts: list[Front], gaps: list[tuple[Floats, Bools]], t: float) -> float:

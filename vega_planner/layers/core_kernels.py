@@ -110,3 +110,75 @@ def measure_room(tri, box, brr_tri, brr_box, feet, inward, limit, first, last, r
             continue
         room[i] = free
         kind[i] = found
+
+
+@njit(nogil=True, cache=True)
+def label_pieces(count, faces, piece):
+    """Number the connected pieces of a mesh in the order of their first vertices.
+
+    Args:
+        count: Number of vertices.
+        faces: Vertex indices, (m, 3).
+        piece: Result: the piece of each face, (m,).
+    """
+    above = np.arange(count)
+    for f in range(len(faces)):
+        for c in range(2):
+            a, b = faces[f, c], faces[f, c + 1]
+            while above[a] != a:
+                above[a] = above[above[a]]
+                a = above[a]
+            while above[b] != b:
+                above[b] = above[above[b]]
+                b = above[b]
+            # The smaller one leads, so that a leader comes before all that follow it.
+            if a < b:
+                above[b] = a
+            else:
+                above[a] = b
+    number = np.full(count, -1)
+    pieces = 0
+    used = np.zeros(count, np.uint8)
+    for f in range(len(faces)):
+        for c in range(3):
+            used[faces[f, c]] = 1
+    for v in range(count):
+        if not used[v]:
+            continue
+        if above[v] == v:
+            number[v] = pieces
+            pieces += 1
+        else:
+            number[v] = number[above[v]]
+    for f in range(len(faces)):
+        piece[f] = number[faces[f, 0]]
+
+
+@njit(nogil=True, cache=True)
+def measure_areas(vertices, faces, areas):
+    """Work out the area of each face."""
+    for f in range(len(faces)):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        total = 0.0
+        for k in range(3):
+            m, n = (k + 1) % 3, (k + 2) % 3
+            x = (vertices[b, m] - vertices[a, m]) * (vertices[c, n] - vertices[a, n]) - (
+                vertices[b, n] - vertices[a, n]
+            ) * (vertices[c, m] - vertices[a, m])
+            total += x * x
+        areas[f] = np.sqrt(total) / 2.0
+
+
+@njit(nogil=True, cache=True)
+def average_rooms(faces, room, opposed, first, gap, meets):
+    """Average the room over the corners of each face where it ends, less `first`."""
+    for f in range(len(faces)):
+        total, count = 0.0, 0
+        for c in range(3):
+            v = faces[f, c]
+            if room[v] < 1e300:
+                total += room[v]
+                count += 1
+            if opposed[v]:
+                meets[f] = True
+        gap[f] = total / count - first if count else np.inf

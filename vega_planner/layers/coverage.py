@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from vega_planner.datatypes import Floats, Ints, Layer, Part
@@ -19,8 +21,30 @@ SAMPLES = 12000
 AXES = np.linalg.qr(np.array([[0.8, -0.51, 0.31], [0.43, 0.83, 0.36], [-0.42, -0.22, 0.88]]))[0]
 
 
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Points spread over a part.
+
+    Attributes:
+        points: The points [mm], shape (n, 3).
+        depth: Depth at the node next to each [mm], not a number where that is outside.
+    """
+
+    points: Floats
+    depth: Floats
+
+
+def spread_samples(part: Part, grid: Grid) -> Samples:
+    """Spread points over a part, to be asked which layers cover them."""
+    points = inside_points(part, (part.volume / SAMPLES) ** (1 / 3))
+    place = np.rint((points - grid.origin) / grid.spacing).astype(np.int64)
+    place = np.clip(place, 0, np.array(grid.shape) - 1)
+    node = np.ravel_multi_index(tuple(place.T), grid.shape)
+    return Samples(points, np.where(grid.state[node] == INSIDE, grid.distance[node], np.nan))
+
+
 def coverage_ratios(
-    part: Part, grid: Grid, sheets: tuple[Layer, ...], t: float
+    part: Part, grid: Grid, samples: Samples, sheets: tuple[Layer, ...], t: float
 ) -> tuple[float, float]:
     """Compare what the sheets cover with the part.
 
@@ -30,6 +54,7 @@ def coverage_ratios(
     Args:
         part: The part.
         grid: Distances at its nodes.
+        samples: Points of the part.
         sheets: All layers, cores included.
         t: Layer thickness [mm].
 
@@ -37,11 +62,7 @@ def coverage_ratios(
         Uncovered volume and overfill, over the part's volume.
     """
     volume = part.volume
-    points = inside_points(part, (volume / SAMPLES) ** (1 / 3))
-    place = np.rint((points - grid.origin) / grid.spacing).astype(np.int64)
-    place = np.clip(place, 0, np.array(grid.shape) - 1)
-    node = np.ravel_multi_index(tuple(place.T), grid.shape)
-    depth = np.where(grid.state[node] == INSIDE, grid.distance[node], np.nan)
+    points, depth = samples.points, samples.depth
     slack = np.sqrt(0.75) * grid.spacing + 0.05 * t
     envelopes = [sheet for sheet in sheets if sheet.kind == "envelope" and len(sheet.faces)]
     cores = [sheet for sheet in sheets if sheet.kind != "envelope" and len(sheet.faces)]

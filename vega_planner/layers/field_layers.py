@@ -11,7 +11,7 @@ from vega_planner.datatypes import Bools, Floats, Ints, Layer, LayerStack, Part
 from vega_planner.errors import BadRestraint, NoLayers
 from vega_planner.layers.contour import Sheet, contour_levels
 from vega_planner.layers.core import SLIVER_RATIO, Core, fill_core
-from vega_planner.layers.coverage import coverage_ratios
+from vega_planner.layers.coverage import coverage_ratios, spread_samples
 from vega_planner.layers.distance_field import DistanceField
 from vega_planner.layers.folds import folded_ears
 from vega_planner.layers.geodesic import Sources, bend_distances, is_convex_at_region
@@ -117,13 +117,14 @@ def field_layers(part: Part, settings: LayerSettings, report: Report) -> LayerSt
     if not layers and not core.cores:
         raise NoLayers(f"no layer of t = {t:g} mm fits into part '{part.name}'")
     sheets_made = (*layers, *core.cores)
-    uncovered, overfill = coverage_ratios(part, grid, sheets_made, t)
+    samples = spread_samples(part, grid)
+    uncovered, overfill = coverage_ratios(part, grid, samples, sheets_made, t)
     if core.begins_early:
         # Keeping all levels as they are costs less than it gains where walls vary.
         kept = fill_core(part, grid, field, brr, sheets, t, staying_ratio=1.0)
         all_layers = envelopes(sheets, kept)
         everything = (*all_layers, *kept.cores)
-        open_then, over_then = coverage_ratios(part, grid, everything, t)
+        open_then, over_then = coverage_ratios(part, grid, samples, everything, t)
         if OPEN_WEIGHT * open_then + over_then < EARLY_GAIN * (OPEN_WEIGHT * uncovered + overfill):
             layers, sheets_made = all_layers, everything
             uncovered, overfill = open_then, over_then
@@ -132,7 +133,7 @@ def field_layers(part: Part, settings: LayerSettings, report: Report) -> LayerSt
         if not settings.fill_core or uncovered < FILLED_RATIO:
             break
         thicker = tuple(thicker_creases(layer, factor) for layer in plain)
-        then = coverage_ratios(part, grid, thicker, t)
+        then = coverage_ratios(part, grid, samples, thicker, t)
         if factor > CREASE_FACTORS[0] and then[1] > FULL_RATIO:
             break
         sheets_made, (uncovered, overfill) = thicker, then
@@ -152,20 +153,21 @@ def field_layers(part: Part, settings: LayerSettings, report: Report) -> LayerSt
 
 def envelopes(sheets: list[Sheet], core: Core) -> list[Layer]:
     """Make layers of what stays of the level sets, as far as one is left."""
-    layers = []
-    for k, sheet in enumerate(sheets):
+
+    def envelope(k: int) -> Layer:
+        sheet = sheets[k]
         kept = core.kept[k] & ~folded_ears(sheet.vertices, sheet.faces)
         vertices, faces, thickness = kept_faces(sheet, kept, core.thickness[k])
-        layers.append(
-            Layer(
-                index=k,
-                kind="envelope",
-                depth_mm=sheet.depth,
-                vertices=vertices,
-                faces=faces,
-                thickness=thickness,
-            )
+        return Layer(
+            index=k,
+            kind="envelope",
+            depth_mm=sheet.depth,
+            vertices=vertices,
+            faces=faces,
+            thickness=thickness,
         )
+
+    layers = map_threads(envelope, range(len(sheets)))
     while layers and len(layers[-1].faces) == 0:
         layers.pop()
     return layers

@@ -58,7 +58,8 @@ def refine_sheet(sheet: Sheet, sources: Sources, brr: DistanceField | None) -> S
         # Faces that share a flagged edge but were not looked at again are split as well.
         at_edge = np.zeros(count, bool)
         at_edge[ends] = True
-        near = np.flatnonzero(at_edge[sheet.faces].sum(1) > 1)
+        a, b, c = at_edge[sheet.faces].T
+        near = np.flatnonzero((a & b) | (b & c) | (c & a))
         near_pairs = np.sort(
             np.stack([sheet.faces[near], np.roll(sheet.faces[near], -1, axis=1)], 2), axis=2
         )
@@ -76,7 +77,7 @@ def refine_sheet(sheet: Sheet, sources: Sources, brr: DistanceField | None) -> S
             tri, *rings, sources.box, brr_tri, brr_box, sheet.vertices, sheet.slots, ends, on_rim,
             sheet.depth, sheet.inward, middles, inward, slots,
         )  # fmt: skip
-        old = int((middle < 0).all(1).sum())
+        old = len(middle) - int(((near_middle >= 0).any(1)).sum())
         sheet = Sheet(
             sheet.depth,
             np.concatenate([sheet.vertices, middles]),

@@ -310,3 +310,42 @@ def tidy_faces(tri, corner, ring_start, ring, vertices, slots, faces, start, aro
                 locked[faces[g, c]] = 1
             changed += 1
     return changed
+
+
+@njit(nogil=True, cache=True)
+def mark_ears(vertices, faces, start, around, ears):
+    """Mark the faces with two open edges that are folded onto a larger only neighbour."""
+    mine, other = np.zeros(3), np.zeros(3)
+    for f in range(len(faces)):
+        count, g, uses = 0, -1, 0
+        for c in range(3):
+            p, q = faces[f, c], faces[f, (c + 1) % 3]
+            shared, last = 0, -1
+            for i in range(start[p], start[p + 1]):
+                if around[i] != f and has(faces, around[i], q):
+                    shared += 1
+                    last = around[i]
+            if shared:
+                count += 1
+                g, uses = last, shared
+            if count > 1:
+                break
+        if count != 1 or uses != 1:
+            continue
+        if cross_of(vertices, faces, f, mine) > cross_of(vertices, faces, g, other):
+            continue
+        ears[f] = mine[0] * other[0] + mine[1] * other[1] + mine[2] * other[2] < 0.0
+
+
+@njit(nogil=True, cache=True)
+def cross_of(vertices, faces, f, out):
+    """Work out the normal of a face, as long as twice its area, and that length."""
+    a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+    total = 0.0
+    for k in range(3):
+        m, n = (k + 1) % 3, (k + 2) % 3
+        out[k] = (vertices[b, m] - vertices[a, m]) * (vertices[c, n] - vertices[a, n]) - (
+            vertices[b, n] - vertices[a, n]
+        ) * (vertices[c, m] - vertices[a, m])
+        total += out[k] * out[k]
+    return np.sqrt(total)
