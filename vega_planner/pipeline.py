@@ -6,7 +6,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -65,7 +65,12 @@ def plan(
     from vega_planner.ordering import order_patches
     from vega_planner.part import load_part
     from vega_planner.printability import assess_printability
-    from vega_planner.printability.collisions import certificate, check_toolpaths, with_check
+    from vega_planner.printability.collisions import (
+        certificate,
+        check_toolpaths,
+        too_much_left_out,
+        with_check,
+    )
     from vega_planner.printability.pose import choose_pose
     from vega_planner.printability.repair import resolve_collisions
     from vega_planner.robot import load_cell
@@ -107,7 +112,7 @@ def plan(
         toolpaths, check = resolve_collisions(
             toolpaths, order.patches, stack, cell, settings.printability, tell
         )
-        if check.colliding and order.report.status == "fully":
+        if too_much_left_out(check) and order.report.status == "fully":
             # what does not go with whole layers may go with layers cut into bands
             pieces = order_patches(
                 patches, stack, cell, settings.printability, tell, assessment, cut=True
@@ -116,7 +121,7 @@ def plan(
             paths, other = resolve_collisions(
                 paths, pieces.patches, stack, cell, settings.printability, tell
             )
-            if other.colliding < check.colliding:
+            if (other.colliding, other.left_out_ratio) < (check.colliding, check.left_out_ratio):
                 order, toolpaths, check = pieces, paths, other
         if settings.toolpaths.prime_mm > 0:
             toolpaths = with_prime_line(
@@ -126,9 +131,10 @@ def plan(
                 width_mm=settings.toolpaths.width_mm,
                 height_mm=stack.thickness_mm,
             )
-            check = check_toolpaths(
+            primed = check_toolpaths(
                 toolpaths, order.patches, stack, cell, settings.printability, tell
             )
+            check = replace(primed, left_out_ratio=check.left_out_ratio)
     with stages.enter("trajectory") as tell:
         if toolpaths.passes:
             trajectory = make_trajectory(toolpaths, cell, settings.trajectory, tell)
