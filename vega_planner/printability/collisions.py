@@ -46,8 +46,8 @@ GIVE_UP_MM, ENOUGH_MM = -0.02, 0.2
 HITS_LOOKED_AT = 20
 
 #: Volume over the part's that may be left out of a print that is what was asked for, and of
-#: one that is nearly so.
-NEXT_TO_NOTHING, LITTLE = 0.001, 0.005
+#: one that is nearly so; the latter for the area the filters found unprintable, too.
+NEXT_TO_NOTHING, LITTLE = 0.001, 0.01
 
 #: Waypoints checked between two reports of progress.
 AT_ONCE = 8192
@@ -111,6 +111,15 @@ class CollisionCheck:
         }
 
 
+def _status(report: PrintabilityReport, left_out: float) -> str:
+    lost = max(report.unprintable_ratio, left_out)
+    if report.status == "fully" and left_out <= NEXT_TO_NOTHING:
+        return "fully"
+    if report.status == "not" and report.unprintable_ratio <= 0.0:
+        return "not"
+    return "conditionally" if lost <= LITTLE else "not"
+
+
 def too_much_left_out(check: CollisionCheck) -> bool:
     """Tell whether more than next to nothing collides or had to be left out."""
     return check.colliding > 0 or check.left_out_ratio > NEXT_TO_NOTHING
@@ -126,12 +135,7 @@ def with_check(report: PrintabilityReport, check: CollisionCheck) -> Printabilit
     """
     if not check.colliding:
         kept = tuple(reason for reason in report.reasons if reason.code != "printed_part")
-        status = report.status
-        if check.left_out_ratio > LITTLE:
-            status = "not"
-        elif check.left_out_ratio > NEXT_TO_NOTHING and status == "fully":
-            status = "conditionally"
-        return replace(report, status=status, reasons=kept)
+        return replace(report, status=_status(report, check.left_out_ratio), reasons=kept)
     reasons = list(report.reasons)
     for name in sorted(set(check.obstacle)):
         chosen = np.array([word == name for word in check.obstacle])

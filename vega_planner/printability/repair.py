@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 RAMP_MM = 4.0
 
 #: Rounds of checking and turning.
-ROUNDS = 3
+ROUNDS = 4
 
 #: Share of colliding waypoints up to which patches are printed in common bands.
 FEW_SHARE = 0.015
@@ -44,9 +44,9 @@ FEW_SHARE = 0.015
 #: Share of colliding waypoints beyond which turning the nozzle is no answer.
 HOPELESS_SHARE = 0.45
 
-#: Poses tried at most in one round of turning, and in one of finding other moves. Counted,
+#: Poses tried at most in all rounds of turning, and in one of finding other moves. Counted,
 #: not timed, so that the outcome is the same everywhere.
-TURN_POSES, REROUTE_POSES = 120_000, 100_000
+TURN_POSES, REROUTE_POSES = 700_000, 100_000
 
 
 def resolve_collisions(
@@ -133,10 +133,13 @@ def _settled(
     task: _Task, toolpaths: ToolpathSet, check: CollisionCheck
 ) -> tuple[ToolpathSet, CollisionCheck]:
     """Turn the nozzle and find other moves, as long as that helps."""
+    left = TURN_POSES
     for _ in range(ROUNDS):
-        if not 0 < check.colliding <= HOPELESS_SHARE * check.checked:
+        if not 0 < check.colliding <= HOPELESS_SHARE * check.checked or left <= 0:
             break
-        turned = _turned(toolpaths, check, task.stack, task.cell, task.settings, task.report)
+        around = Surroundings(toolpaths, task.stack, task.cell)
+        turned = _turned(toolpaths, check, around, task.settings, task.report, left)
+        left -= around.tried
         again = task.checked(turned)
         if again.colliding >= check.colliding:
             break
@@ -176,12 +179,11 @@ def _banded(
 def _turned(
     toolpaths: ToolpathSet,
     check: CollisionCheck,
-    stack: LayerStack,
-    cell: Workcell,
+    around: Surroundings,
     settings: PrintabilitySettings,
     report: Report,
+    budget: int,
 ) -> ToolpathSet:
-    around = Surroundings(toolpaths, stack, cell)
     passes = list(toolpaths.passes)
     travels = list(toolpaths.travels)
     printing = enumerate(check.of_passes(toolpaths))
@@ -192,7 +194,7 @@ def _turned(
         line: Toolpath | Travel = travels[-1 - path] if path < 0 else passes[path]
         first = around.first_of(path)
         axes = turned_clear(
-            line.points, line.axes, hit, first, around, settings.max_tilt_deg, path < 0, TURN_POSES
+            line.points, line.axes, hit, first, around, settings.max_tilt_deg, path < 0, budget
         )
         if path < 0:
             travels[-1 - path] = replace(travels[-1 - path], axes=axes)
