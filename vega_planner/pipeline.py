@@ -24,6 +24,7 @@ from vega_planner.progress import Progress, Report, silent, within
 from vega_planner.settings import Settings
 
 if TYPE_CHECKING:
+    from vega_planner.printability.robot_body import BodyHit
     from vega_planner.robot.workcell import Workcell
     from vega_planner.toolpaths.coverage import Coverage
 
@@ -73,6 +74,7 @@ def plan(
     )
     from vega_planner.printability.pose import choose_pose
     from vega_planner.printability.repair import resolve_collisions
+    from vega_planner.printability.robot_body import check_robot_body, with_body
     from vega_planner.robot import load_cell
     from vega_planner.robot.placement import parse_pose
     from vega_planner.robot.workcell import place
@@ -141,6 +143,7 @@ def plan(
         else:  # the report says why nothing can be printed
             trajectory = no_motion(cell)
     with stages.enter("checks") as tell:
+        body = check_robot_body(toolpaths, trajectory, cell, tell)
         proof = certificate(part, settings, cell, toolpaths, trajectory, check)
         coverage = measure_coverage(order.patches, toolpaths, stack, settings.toolpaths.width_mm)
     return PrintPlan(
@@ -148,13 +151,14 @@ def plan(
         part=part,
         cell=cell,
         stack=stack,
-        printability=with_check(order.report, check),
+        printability=with_body(with_check(order.report, check), body),
         patches=order.patches,
         toolpaths=toolpaths,
         trajectory=trajectory,
         coverage=coverage,
         collisions=check.summary(),
         certificate=proof,
+        robot_body=body,
         seconds=stages.seconds,
     )
 
@@ -176,6 +180,7 @@ class PrintPlan:
         collisions: Outcome of the check of every waypoint.
         certificate: Hashes of what went in and out, and the outcome of the checks.
         seconds: Computing time of each stage.
+        robot_body: Links of the robot that touch something on the way.
     """
 
     settings: Settings
@@ -190,15 +195,19 @@ class PrintPlan:
     collisions: dict[str, Any]
     certificate: dict[str, Any]
     seconds: dict[str, float] = field(default_factory=dict)
+    robot_body: tuple[BodyHit, ...] = ()
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What a person should know, from every stage."""
+        from vega_planner.printability.robot_body import told
+
         return (
             *self.part.warnings,
             *self.stack.warnings,
             *self.toolpaths.warnings,
             *self.trajectory.warnings,
+            *(told(hit) for hit in self.robot_body),
         )
 
     @property
