@@ -429,7 +429,8 @@ class PrintabilityReport:
     """Outcome of the printability filters, by area over all layers.
 
     Attributes:
-        status: "fully" (every layer as it is), "conditionally" (after splitting) or "not".
+        status: "fully" (every layer as it is), "conditionally" (after splitting, or but for
+            at most a hundredth) or "not".
         reachable_ratio: Area that passes f1 over the whole area.
         accessible_ratio: Area that passes f2, the paper's line test.
         collision_free_ratio: Area where the solid tool is clear of plate, substrate,
@@ -438,6 +439,7 @@ class PrintabilityReport:
         reasons: What stands against printing, largest area first.
         face_reasons: Per sheet, the code index of each face: 0 printable, else
             1 + index into `REASON_CODES`, shape (m,) int64.
+        unprintable_ratio: Area that can be printed from neither side over the whole area.
     """
 
     status: str
@@ -447,6 +449,7 @@ class PrintabilityReport:
     split_layers: int = 0
     reasons: tuple[Reason, ...] = ()
     face_reasons: tuple[Ints, ...] = field(default=(), repr=False)
+    unprintable_ratio: float = 0.0
 
 
 REASON_CODES = (

@@ -6,7 +6,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,6 +24,7 @@ from vega_planner.progress import Progress, Report, silent, within
 from vega_planner.settings import Settings
 
 if TYPE_CHECKING:
+    from vega_planner.printability.robot_body import BodyHit
     from vega_planner.robot.workcell import Workcell
     from vega_planner.toolpaths.coverage import Coverage
 
@@ -65,9 +66,15 @@ def plan(
     from vega_planner.ordering import order_patches
     from vega_planner.part import load_part
     from vega_planner.printability import assess_printability
-    from vega_planner.printability.collisions import certificate, check_toolpaths, with_check
+    from vega_planner.printability.collisions import (
+        certificate,
+        check_toolpaths,
+        too_much_left_out,
+        with_check,
+    )
     from vega_planner.printability.pose import choose_pose
     from vega_planner.printability.repair import resolve_collisions
+    from vega_planner.printability.robot_body import check_robot_body, with_body
     from vega_planner.robot import load_cell
     from vega_planner.robot.placement import parse_pose
     from vega_planner.robot.workcell import place
@@ -107,7 +114,7 @@ def plan(
         toolpaths, check = resolve_collisions(
             toolpaths, order.patches, stack, cell, settings.printability, tell
         )
-        if check.colliding and order.report.status == "fully":
+        if too_much_left_out(check) and order.report.status == "fully":
             # what does not go with whole layers may go with layers cut into bands
             pieces = order_patches(
                 patches, stack, cell, settings.printability, tell, assessment, cut=True
@@ -116,7 +123,7 @@ def plan(
             paths, other = resolve_collisions(
                 paths, pieces.patches, stack, cell, settings.printability, tell
             )
-            if other.colliding < check.colliding:
+            if (other.colliding, other.left_out_ratio) < (check.colliding, check.left_out_ratio):
                 order, toolpaths, check = pieces, paths, other
         if settings.toolpaths.prime_mm > 0:
             toolpaths = with_prime_line(
@@ -126,15 +133,17 @@ def plan(
                 width_mm=settings.toolpaths.width_mm,
                 height_mm=stack.thickness_mm,
             )
-            check = check_toolpaths(
+            primed = check_toolpaths(
                 toolpaths, order.patches, stack, cell, settings.printability, tell
             )
+            check = replace(primed, left_out_ratio=check.left_out_ratio)
     with stages.enter("trajectory") as tell:
         if toolpaths.passes:
             trajectory = make_trajectory(toolpaths, cell, settings.trajectory, tell)
         else:  # the report says why nothing can be printed
             trajectory = no_motion(cell)
     with stages.enter("checks") as tell:
+        body = check_robot_body(toolpaths, trajectory, cell, tell)
         proof = certificate(part, settings, cell, toolpaths, trajectory, check)
         coverage = measure_coverage(order.patches, toolpaths, stack, settings.toolpaths.width_mm)
     return PrintPlan(
@@ -142,13 +151,14 @@ def plan(
         part=part,
         cell=cell,
         stack=stack,
-        printability=with_check(order.report, check),
+        printability=with_body(with_check(order.report, check), body),
         patches=order.patches,
         toolpaths=toolpaths,
         trajectory=trajectory,
         coverage=coverage,
         collisions=check.summary(),
         certificate=proof,
+        robot_body=body,
         seconds=stages.seconds,
     )
 
@@ -170,6 +180,7 @@ class PrintPlan:
         collisions: Outcome of the check of every waypoint.
         certificate: Hashes of what went in and out, and the outcome of the checks.
         seconds: Computing time of each stage.
+        robot_body: Links of the robot that touch something on the way.
     """
 
     settings: Settings
@@ -184,15 +195,19 @@ class PrintPlan:
     collisions: dict[str, Any]
     certificate: dict[str, Any]
     seconds: dict[str, float] = field(default_factory=dict)
+    robot_body: tuple[BodyHit, ...] = ()
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What a person should know, from every stage."""
+        from vega_planner.printability.robot_body import told
+
         return (
             *self.part.warnings,
             *self.stack.warnings,
             *self.toolpaths.warnings,
             *self.trajectory.warnings,
+            *(told(hit) for hit in self.robot_body),
         )
 
     @property

@@ -78,6 +78,10 @@ EASY = {
         0.8,
     ),
     "tube": (lambda: creation.annulus(9, 13, 10, sections=48), 0.8),
+    "cup": (
+        lambda: revolved([(0, 0), (15, 0), (15, 20), (11.6, 20), (11.6, 3.2), (0, 3.2)]),
+        0.8,
+    ),
     "hexagon nut": (hexagon_nut, 0.8),
     "steps": (lambda: union(block((20, 20, 5), (0, 0, 2.5)), block((10, 10, 10), (0, 0, 5))), 0.8),
     "wedge": (wedge, 0.8),

@@ -17,7 +17,7 @@ from vega_planner.datatypes import (
     Travel,
 )
 from vega_planner.printability.collisions import certificate, check_toolpaths, with_check
-from vega_planner.printability.leave_out import leave_out
+from vega_planner.printability.leave_out import leave_out, leave_out_everything
 from vega_planner.printability.repair import resolve_collisions
 from vega_planner.progress import silent
 from vega_planner.settings import PrintabilitySettings, Settings
@@ -204,3 +204,21 @@ def test_what_is_too_much_to_leave_out_is_laid_in_bands_before_it_is_built_in():
     banded, found = resolve_collisions(long, (), dome(), default_cell(), SETTINGS, silent)
     assert found.colliding == 0 and check(banded).colliding == 0
     assert deposited_volume(banded.passes) == pytest.approx(deposited_volume(long.passes))
+
+
+def test_what_collides_goes_in_the_end_however_much_it_is_and_counts_in_the_status():
+    part = dome().part
+    rows = [wall(12, y) for y in (-2.4, -1.2, 0.0, 1.2, 2.4)]
+    block = [bead for level in zip(*rows) for bead in level]
+    long = joined([*block, line([-9, 0.0, 3.0], [9, 0.0, 3.0], patch=1)])
+
+    def settle(paths, anew):
+        again = joined(paths.passes)
+        return again, check(again)
+
+    less, found = leave_out_everything(long, check(long), part, settle)
+    assert found.colliding == 0
+    assert any("left out" in warning for warning in less.warnings)
+    good = PrintabilityReport("fully", 1.0, 1.0, 1.0)
+    for ratio, status in ((0.0005, "fully"), (0.005, "conditionally"), (0.05, "not")):
+        assert with_check(good, replace(found, left_out_ratio=ratio)).status == status

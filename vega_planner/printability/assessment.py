@@ -31,6 +31,7 @@ from vega_planner.printability.material import EMPTY, DistanceField, Material, m
 from vega_planner.printability.mesh_kernels import components
 from vega_planner.printability.orientation import orient, tilt_of
 from vega_planner.printability.reasons import reasons_of
+from vega_planner.printability.remedies import Access
 from vega_planner.printability.tool_shape import ToolShape
 from vega_planner.progress import Progress, Report
 from vega_planner.settings import PrintabilitySettings
@@ -258,7 +259,19 @@ def assess_printability(
         laid[material.first[number] : material.first[number + 1]] = label == INSIDE
         judged.append(SheetAssessment(side_out, inner, label))
         report(Progress("printability", 0.7 + 0.3 * (number + 1) / len(sheets)))
-    summary = _summarise(stack, judged, cell, settings)
+
+    def held_there(
+        sheet: int, vertices: Ints, axes: Floats, shape: ToolShape, mm: float
+    ) -> Floats:
+        tips = sheets[sheet].vertices[vertices]
+        gap = shape.height_above(tips, axes) - cell.placement.plate_z_mm + mm
+        before = material.field_of(stages[sheet])
+        for field in (surroundings, before):
+            if field is not EMPTY:
+                gap = np.minimum(gap, field.clearance(shape, tips, axes, mm, mm))
+        return gap
+
+    summary = _summarise(stack, judged, cell, settings, held_there)
     return Assessment(summary, sheets, tuple(judged), surroundings, material, width_mm)
 
 
@@ -458,6 +471,7 @@ def _summarise(
     judged: list[SheetAssessment],
     cell: Workcell,
     settings: PrintabilitySettings,
+    held: Access,
 ) -> PrintabilityReport:
     total = reach = access = clear = printable = 0.0
     split = 0
@@ -493,8 +507,9 @@ def _summarise(
         accessible_ratio=access / total,
         collision_free_ratio=clear / total,
         split_layers=split,
-        reasons=reasons_of(stack, codes, judged, cell, settings),
+        reasons=reasons_of(stack, codes, judged, cell, settings, held),
         face_reasons=tuple(codes),
+        unprintable_ratio=max(0.0, 1.0 - printable / total),
     )
 
 

@@ -30,7 +30,7 @@ from vega_planner.settings import PrintabilitySettings
 if TYPE_CHECKING:
     from vega_planner.robot.workcell import Workcell
 
-__all__ = ["CollisionCheck", "certificate", "check_toolpaths", "with_check"]
+__all__ = ["CollisionCheck", "certificate", "check_toolpaths", "too_much_left_out", "with_check"]
 
 #: On travel, the tip counts too once it is this far from both ends [mm].
 FREE_MM = 2.5
@@ -44,6 +44,10 @@ GIVE_UP_MM, ENOUGH_MM = -0.02, 0.2
 
 #: Colliding waypoints of one pass that are asked for what they hit, at most about.
 HITS_LOOKED_AT = 20
+
+#: Volume over the part's that may be left out of a print that is what was asked for, and of
+#: one that is nearly so; the latter for the area the filters found unprintable, too.
+NEXT_TO_NOTHING, LITTLE = 0.001, 0.01
 
 #: Waypoints checked between two reports of progress.
 AT_ONCE = 8192
@@ -60,6 +64,8 @@ class CollisionCheck:
         depth_mm: How deep the tool is in what it hits, shape (k,).
         obstacle: What it hits: "plate", "substrate" or "printed_part", length k.
         points: Tips of the colliding waypoints [mm], part frame, shape (k, 3).
+        left_out_ratio: Volume of bead that was left out since it cannot be laid without
+            touching, over the part's.
     """
 
     checked: int
@@ -68,6 +74,7 @@ class CollisionCheck:
     depth_mm: Floats
     obstacle: tuple[str, ...]
     points: Floats
+    left_out_ratio: float = 0.0
 
     @property
     def colliding(self) -> int:
@@ -100,18 +107,35 @@ class CollisionCheck:
             "colliding_travel_waypoints": int((self.path < 0).sum()),
             "deepest_mm": round(float(self.depth_mm.max()), 3) if self.colliding else 0.0,
             "obstacles": {name: self.obstacle.count(name) for name in sorted(set(self.obstacle))},
+            "left_out_ratio": round(self.left_out_ratio, 6),
         }
+
+
+def _status(report: PrintabilityReport, left_out: float) -> str:
+    lost = max(report.unprintable_ratio, left_out)
+    if report.status == "fully" and left_out <= NEXT_TO_NOTHING:
+        return "fully"
+    if report.status == "not" and report.unprintable_ratio <= 0.0:
+        return "not"
+    return "conditionally" if lost <= LITTLE else "not"
+
+
+def too_much_left_out(check: CollisionCheck) -> bool:
+    """Tell whether more than next to nothing collides or had to be left out."""
+    return check.colliding > 0 or check.left_out_ratio > NEXT_TO_NOTHING
 
 
 def with_check(report: PrintabilityReport, check: CollisionCheck) -> PrintabilityReport:
     """Take the outcome of the final check into the report: what collides is not printable.
 
     The check of every waypoint has the last word over the order's, which judges patches by
-    their vertices before any path is laid.
+    their vertices before any path is laid. What had to be left out for it counts: more than
+    `NEXT_TO_NOTHING` of the part and it is printable with that condition only, more than
+    `LITTLE` and it is not.
     """
     if not check.colliding:
         kept = tuple(reason for reason in report.reasons if reason.code != "printed_part")
-        return replace(report, reasons=kept)
+        return replace(report, status=_status(report, check.left_out_ratio), reasons=kept)
     reasons = list(report.reasons)
     for name in sorted(set(check.obstacle)):
         chosen = np.array([word == name for word in check.obstacle])
@@ -253,6 +277,8 @@ class Surroundings:
         self._beads = Beads(toolpaths.passes, self._way.first)
         starts = np.flatnonzero(np.diff(self._way.path, prepend=np.iinfo(np.int64).min))
         self._first = {int(self._way.path[k]): int(k) for k in starts}
+        #: Poses tried so far.
+        self.tried = 0
 
     def first_of(self, path: int) -> int:
         """Number of the first waypoint of a pass, or of travel -1 - path."""
@@ -309,6 +335,7 @@ class Surroundings:
         Returns:
             Clearances [mm], exact only between `GIVE_UP_MM` and `ENOUGH_MM`, shape (n,).
         """
+        self.tried += len(tips)
         gap = self._near.height_above(tips, axes) - self._plate
         for shape, chosen in ((self._near, ~free), (self._whole, free)):
             todo = np.flatnonzero(chosen & (gap >= 0))

@@ -3,11 +3,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from vega_planner.datatypes import REASON_CODES, Ints, LayerStack, Reason
+from vega_planner.printability.remedies import Access, remedy_of
 from vega_planner.settings import PrintabilitySettings
 
 #: Areas below this [mm²] are slivers and not worth a reason.
@@ -17,9 +20,10 @@ LEAST_AREA_MM2 = 1.0
 def reasons_of(
     stack: LayerStack,
     codes: list[Ints],
-    judged: Any,
+    judged: Sequence[Any],
     cell: Any,
     settings: PrintabilitySettings,
+    access: Access,
 ) -> tuple[Reason, ...]:
     """Collect the reasons against printing, largest area first.
 
@@ -29,8 +33,10 @@ def reasons_of(
         judged: Judgement of each sheet.
         cell: Robot, tool and placement.
         settings: The limits in force.
+        access: Holds the tool at vertices of a sheet, to try what would help.
     """
-    found = []
+    found: list[Reason] = []
+    concerned: dict[int, list[tuple[int, Ints]]] = {}
     for number, (layer, code) in enumerate(zip(stack.sheets, codes)):
         for value in np.unique(code[code > 0]):
             faces = np.flatnonzero(code == value)
@@ -43,26 +49,13 @@ def reasons_of(
             nearest = centres[np.argmin(((centres - middle) ** 2).sum(1))]
             where = (float(nearest[0]), float(nearest[1]), float(nearest[2]))
             name = REASON_CODES[value - 1]
-            found.append(Reason(name, number, area, where, _remedy(name, cell, settings)))
+            found.append(Reason(name, number, area, where, ""))
+            vertices = np.unique(layer.faces[faces])
+            vertices = vertices[judged[number].outside.code[vertices] == value]
+            concerned.setdefault(int(value), []).append((number, vertices))
     found.sort(key=lambda reason: (-reason.area_mm2, reason.layer, reason.code))
-    return tuple(found)
-
-
-def _remedy(name: str, cell: Any, settings: PrintabilitySettings) -> str:
-    texts = {
-        "out_of_travel": "move the part towards the middle of the travel: --pose auto",
-        "wrist_limit": (
-            f"tilt the nozzle less: max_tilt_deg is {settings.max_tilt_deg:g}, "
-            "or --orientation vertical"
-        ),
-        "own_layer": "split the layer, or choose a restraint region (--brr down)",
-        "printed_part": (
-            f"a smaller clearance than {settings.clearance_mm:g} mm, a slimmer tool, or another "
-            "restraint region"
-        ),
-        "plate": "lift the part, let the nozzle stand steeper, or print on a substrate",
-        "substrate": "a lower substrate (vega substrate --height), or a slimmer tool",
-        "robot_body": "turn the part about z: --pose auto",
-        "no_support": "a restraint region facing down (--brr down), or a substrate",
+    remedies = {
+        REASON_CODES[value - 1]: remedy_of(value, sheets, stack, judged, access, cell, settings)
+        for value, sheets in sorted(concerned.items())
     }
-    return texts[name]
+    return tuple(replace(reason, remedy=remedies[reason.code]) for reason in found)

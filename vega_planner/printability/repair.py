@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from vega_planner.datatypes import Floats, LayerStack, Patch, Toolpath, ToolpathSet, Travel
+from vega_planner.datatypes import Floats, Ints, LayerStack, Patch, Toolpath, ToolpathSet, Travel
 from vega_planner.printability.collisions import (
     CollisionCheck,
     Surroundings,
     check_toolpaths,
 )
-from vega_planner.printability.leave_out import leave_out
+from vega_planner.printability.leave_out import leave_out, leave_out_everything, left_out_ratio
 from vega_planner.printability.reroute import reroute
 from vega_planner.printability.resequence import in_bands, joined
 from vega_planner.printability.turning import arc_length, turned_clear
@@ -36,13 +36,17 @@ if TYPE_CHECKING:
 RAMP_MM = 4.0
 
 #: Rounds of checking and turning.
-ROUNDS = 3
+ROUNDS = 4
 
 #: Share of colliding waypoints up to which patches are printed in common bands.
 FEW_SHARE = 0.015
 
 #: Share of colliding waypoints beyond which turning the nozzle is no answer.
 HOPELESS_SHARE = 0.45
+
+#: Poses tried at most in all rounds of turning, and in one of finding other moves. Counted,
+#: not timed, so that the outcome is the same everywhere.
+TURN_POSES, REROUTE_POSES = 700_000, 100_000
 
 
 def resolve_collisions(
@@ -56,8 +60,10 @@ def resolve_collisions(
     """Check every waypoint and do something about those that collide.
 
     The nozzle is turned; moves between passes that still collide take another way; and
-    what little of the passes still does is left out, with a warning. Only the
-    collision-free orientation policy changes anything; the others are checked.
+    what little of the passes still does is left out, with a warning. Where that is not
+    enough, patches are printed in common bands of height; and in the end all that collides
+    is left out. Only the collision-free orientation policy changes anything; the others
+    are checked.
 
     Args:
         toolpaths: Passes and travel.
@@ -98,12 +104,17 @@ def resolve_collisions(
         other = _without_rest(task, *_settled(task, *_banded(task, toolpaths, ranges)))
         if other[1].colliding < best[1].colliding:
             best = other
-    return best
+    paths, found = best
+    if found.colliding:
+        paths, found = leave_out_everything(*best, stack.part, task.moved)
+        ratio = best[1].left_out_ratio + left_out_ratio(best[0], paths, stack.part)
+        found = replace(found, left_out_ratio=ratio)
+    return paths, found
 
 
 @dataclass(frozen=True)
 class _Task:
-    """What stays the same while ways are tried."""
+    """What stays the same while ways are tried, and how much trying is left."""
 
     stack: LayerStack
     cell: Workcell
@@ -111,24 +122,31 @@ class _Task:
     report: Report
     checked: Callable[[ToolpathSet], CollisionCheck]
 
+    def moved(self, toolpaths: ToolpathSet, travels: Ints) -> tuple[ToolpathSet, CollisionCheck]:
+        """Find other ways for some moves and check all."""
+        around = Surroundings(toolpaths, self.stack, self.cell)
+        paths = reroute(toolpaths, travels, around, self.cell, self.report, REROUTE_POSES)
+        return paths, self.checked(paths)
+
 
 def _settled(
     task: _Task, toolpaths: ToolpathSet, check: CollisionCheck
 ) -> tuple[ToolpathSet, CollisionCheck]:
     """Turn the nozzle and find other moves, as long as that helps."""
+    left = TURN_POSES
     for _ in range(ROUNDS):
-        if not 0 < check.colliding <= HOPELESS_SHARE * check.checked:
+        if not 0 < check.colliding <= HOPELESS_SHARE * check.checked or left <= 0:
             break
-        turned = _turned(toolpaths, check, task.stack, task.cell, task.settings, task.report)
+        around = Surroundings(toolpaths, task.stack, task.cell)
+        turned = _turned(toolpaths, check, around, task.settings, task.report, left)
+        left -= around.tried
         again = task.checked(turned)
         if again.colliding >= check.colliding:
             break
         toolpaths, check = turned, again
     travels = np.array(list(check.of_travels()), np.int64)
     if len(travels) and check.colliding <= HOPELESS_SHARE * check.checked:
-        around = Surroundings(toolpaths, task.stack, task.cell)
-        moved = reroute(toolpaths, travels, around, task.cell, task.report)
-        again = task.checked(moved)
+        moved, again = task.moved(toolpaths, travels)
         if again.colliding < check.colliding:
             toolpaths, check = moved, again
     return toolpaths, check
@@ -141,10 +159,11 @@ def _without_rest(
     less = leave_out(toolpaths, check, task.stack.part)
     if less is None:
         return toolpaths, check
-    around = Surroundings(less[0], task.stack, task.cell)
-    moved = reroute(less[0], less[1], around, task.cell, task.report)
-    again = task.checked(moved)
-    return (moved, again) if again.colliding < check.colliding else (toolpaths, check)
+    moved, again = task.moved(*less)
+    if again.colliding >= check.colliding:
+        return toolpaths, check
+    ratio = left_out_ratio(toolpaths, less[0], task.stack.part)
+    return moved, replace(again, left_out_ratio=ratio)
 
 
 def _banded(
@@ -160,12 +179,11 @@ def _banded(
 def _turned(
     toolpaths: ToolpathSet,
     check: CollisionCheck,
-    stack: LayerStack,
-    cell: Workcell,
+    around: Surroundings,
     settings: PrintabilitySettings,
     report: Report,
+    budget: int,
 ) -> ToolpathSet:
-    around = Surroundings(toolpaths, stack, cell)
     passes = list(toolpaths.passes)
     travels = list(toolpaths.travels)
     printing = enumerate(check.of_passes(toolpaths))
@@ -176,7 +194,7 @@ def _turned(
         line: Toolpath | Travel = travels[-1 - path] if path < 0 else passes[path]
         first = around.first_of(path)
         axes = turned_clear(
-            line.points, line.axes, hit, first, around, settings.max_tilt_deg, path < 0
+            line.points, line.axes, hit, first, around, settings.max_tilt_deg, path < 0, budget
         )
         if path < 0:
             travels[-1 - path] = replace(travels[-1 - path], axes=axes)

@@ -46,7 +46,7 @@ _Clearance = Callable[[Floats, Floats, Bools], Floats]
 
 def reroute(
     toolpaths: ToolpathSet, travels: np.ndarray, around: Surroundings, cell: Workcell,
-    report: Report,
+    report: Report, budget: int | None = None,
 ) -> ToolpathSet:  # fmt: skip
     """Replace moves by others that are clear, where there are such.
 
@@ -56,12 +56,15 @@ def reroute(
         around: What is there at each moment of the same toolpaths.
         cell: Tool, placement and substrate.
         report: Receives progress; may raise `Cancelled`.
+        budget: Poses tried by `around` at which trying ends; none when absent.
 
     Returns:
         The toolpaths; a move that has no clear way stays as it was.
     """
     moves = list(toolpaths.travels)
     for number in travels[:MOST]:
+        if budget is not None and around.tried >= budget:
+            break
         report(Progress("checks", 0.7, detail="travel"))
         found = _clear_move(toolpaths, int(number), around, cell)
         moves[number] = found if found is not None else moves[number]

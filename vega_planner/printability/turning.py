@@ -63,6 +63,7 @@ def turned_clear(
     around: Surroundings,
     max_tilt_deg: float,
     fixed_ends: bool,
+    budget: int,
 ) -> Floats:
     """Turn the nozzle around colliding waypoints of a pass or a move.
 
@@ -74,6 +75,7 @@ def turned_clear(
         around: What is there at each moment.
         max_tilt_deg: Largest angle from the vertical.
         fixed_ends: Whether the first and the last axis have to stay.
+        budget: Poses tried by `around` at which trying ends; the rest stays as it is.
 
     Returns:
         New unit axes, shape (n, 3).
@@ -82,6 +84,8 @@ def turned_clear(
     axes = axes.copy()
     for low, high in _stretches(along, hits):
         for begin, end in _parts(along, low, high):
+            if around.tried >= budget:
+                return axes
             at = _stations(along, begin, end, hits)
             _turn(points, axes, along, at, first, around, max_tilt_deg, fixed_ends)
     return axes
