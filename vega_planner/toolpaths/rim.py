@@ -25,9 +25,6 @@ _FLATTEST = 0.25
 #: The first bead is at least this much wider than high [mm], so that it has a width.
 _FLAT_PART = 0.04
 
-#: Distances above it [mm] are those of points that no face joins to the rim.
-_UNREACHED = 1e9
-
 #: How what the first bead cannot fill is shared out to the next loops.
 _SHARES = (0.5, 0.3, 0.2)
 
@@ -136,7 +133,7 @@ def measure_rim(
     if ground is not None and len(rim):
         wanted[rim] = _first_bead(surface, patch, rim, spacing, ground)
     distance, gradient, wanted = from_rim(surface, wanted, limit)
-    distance = np.where(distance < _UNREACHED, distance, 0.0)  # points of no face
+    distance[np.bincount(surface.faces.ravel(), minlength=len(distance)) == 0] = 0.0
     return RimField(distance, gradient, wanted[:, 0], wanted[:, 1], wanted[:, 2])
 
 
