@@ -24,7 +24,7 @@ from vega_planner.progress import Progress, Report, silent, within
 from vega_planner.settings import Settings
 
 if TYPE_CHECKING:
-    from vega_planner.printability.robot_body import BodyHit
+    from vega_planner.printability.robot_body import BodyCheck
     from vega_planner.robot.workcell import Workcell
     from vega_planner.toolpaths.coverage import Coverage
 
@@ -66,8 +66,8 @@ def plan(
     from vega_planner.ordering import order_patches
     from vega_planner.part import load_part
     from vega_planner.printability import assess_printability
+    from vega_planner.printability.certificate import certificate
     from vega_planner.printability.collisions import (
-        certificate,
         check_toolpaths,
         too_much_left_out,
         with_check,
@@ -111,18 +111,14 @@ def plan(
     with stages.enter("toolpaths") as tell:
         toolpaths = lay_toolpaths(order.patches, stack, cell, settings.toolpaths, tell)
     with stages.enter("clearance") as tell:
-        toolpaths, check = resolve_collisions(
-            toolpaths, order.patches, stack, cell, settings.printability, tell
-        )
+        toolpaths, check = resolve_collisions(toolpaths, stack, cell, settings.printability, tell)
         if too_much_left_out(check) and order.report.status == "fully":
             # what does not go with whole layers may go with layers cut into bands
             pieces = order_patches(
                 patches, stack, cell, settings.printability, tell, assessment, cut=True
             )
             paths = lay_toolpaths(pieces.patches, stack, cell, settings.toolpaths, tell)
-            paths, other = resolve_collisions(
-                paths, pieces.patches, stack, cell, settings.printability, tell
-            )
+            paths, other = resolve_collisions(paths, stack, cell, settings.printability, tell)
             if (other.colliding, other.left_out_ratio) < (check.colliding, check.left_out_ratio):
                 order, toolpaths, check = pieces, paths, other
         if settings.toolpaths.prime_mm > 0:
@@ -133,9 +129,7 @@ def plan(
                 width_mm=settings.toolpaths.width_mm,
                 height_mm=stack.thickness_mm,
             )
-            primed = check_toolpaths(
-                toolpaths, order.patches, stack, cell, settings.printability, tell
-            )
+            primed = check_toolpaths(toolpaths, stack, cell, tell)
             check = replace(primed, left_out_ratio=check.left_out_ratio)
     with stages.enter("trajectory") as tell:
         if toolpaths.passes:
@@ -179,8 +173,8 @@ class PrintPlan:
         coverage: Deposited volume and what it leaves or doubles.
         collisions: Outcome of the check of every waypoint.
         certificate: Hashes of what went in and out, and the outcome of the checks.
-        seconds: Computing time of each stage.
         robot_body: Links of the robot that touch something on the way.
+        seconds: Computing time of each stage.
     """
 
     settings: Settings
@@ -194,20 +188,18 @@ class PrintPlan:
     coverage: Coverage
     collisions: dict[str, Any]
     certificate: dict[str, Any]
+    robot_body: BodyCheck
     seconds: dict[str, float] = field(default_factory=dict)
-    robot_body: tuple[BodyHit, ...] = ()
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What a person should know, from every stage."""
-        from vega_planner.printability.robot_body import told
-
         return (
             *self.part.warnings,
             *self.stack.warnings,
             *self.toolpaths.warnings,
             *self.trajectory.warnings,
-            *(told(hit) for hit in self.robot_body),
+            *self.robot_body.warnings,
         )
 
     @property

@@ -16,7 +16,8 @@ from vega_planner.datatypes import (
     ToolpathSet,
     Travel,
 )
-from vega_planner.printability.collisions import certificate, check_toolpaths, with_check
+from vega_planner.printability.certificate import certificate
+from vega_planner.printability.collisions import check_toolpaths, with_check
 from vega_planner.printability.leave_out import leave_out, leave_out_everything
 from vega_planner.printability.repair import resolve_collisions
 from vega_planner.progress import silent
@@ -57,7 +58,7 @@ def wall(height: int, y: float = 0.0) -> list[Toolpath]:
 
 
 def check(paths):
-    return check_toolpaths(paths, (), dome(), default_cell(), SETTINGS, silent)
+    return check_toolpaths(paths, dome(), default_cell(), silent)
 
 
 def test_a_wall_laid_from_the_bottom_up_is_clear():
@@ -107,7 +108,7 @@ def test_turning_the_nozzle_resolves_a_lean_into_the_wall():
     passes = [*wall(10), line([-8, 4.0, 0.4], [8, 4.0, 0.4], lean, patch=1)]
     paths = joined(passes)
     assert check(paths).colliding > 20
-    fixed, found = resolve_collisions(paths, (), dome(), default_cell(), SETTINGS, silent)
+    fixed, found = resolve_collisions(paths, dome(), default_cell(), SETTINGS, silent)
     assert found.colliding == 0
     assert check(fixed).colliding == 0
     for old, new in zip(paths.passes[:10], fixed.passes[:10]):
@@ -121,7 +122,7 @@ def test_the_paper_s_policy_is_checked_and_left_alone():
     lean = [0.0, -np.sin(np.radians(30)), np.cos(np.radians(30))]
     paths = joined([*wall(10), line([-8, 4.0, 0.4], [8, 4.0, 0.4], lean, patch=1)])
     normal = replace(SETTINGS, orientation="normal")
-    same, found = resolve_collisions(paths, (), dome(), default_cell(), normal, silent)
+    same, found = resolve_collisions(paths, dome(), default_cell(), normal, silent)
     assert same is paths and found.colliding > 20
 
 
@@ -173,7 +174,7 @@ def test_a_move_through_a_wall_takes_a_way_over_it():
     sides = [line([-10, -12, 0.4], [10, -12, 0.4], patch=1), line([10, 12, 0.4], [-10, 12, 0.4])]
     paths = joined([*wall(20), *sides], high=5.0)
     assert check(paths).colliding > 0
-    cleared, found = resolve_collisions(paths, (), dome(), default_cell(), SETTINGS, silent)
+    cleared, found = resolve_collisions(paths, dome(), default_cell(), SETTINGS, silent)
     assert found.colliding == 0 and found.checked == check(cleared).checked
     assert all(a is b for a, b in zip(cleared.passes, paths.passes))
     for before, move, after in zip(cleared.passes, cleared.travels[1:], cleared.passes[1:]):
@@ -187,7 +188,7 @@ def test_next_to_nothing_that_cannot_be_laid_is_left_out_and_told():
     block = [bead for level in zip(*rows) for bead in level]
     short = line([-0.4, 0.0, 3.0], [0.4, 0.0, 3.0], patch=1)  # inside the finished block
     paths = joined([*block, short])
-    cleared, found = resolve_collisions(paths, (), dome(), default_cell(), SETTINGS, silent)
+    cleared, found = resolve_collisions(paths, dome(), default_cell(), SETTINGS, silent)
     assert found.colliding == 0 and check(cleared).colliding == 0
     lost = deposited_volume(paths.passes) - deposited_volume(cleared.passes)
     assert 0 < lost <= 0.001 * part.volume
@@ -201,7 +202,7 @@ def test_what_is_too_much_to_leave_out_is_laid_in_bands_before_it_is_built_in():
     block = [bead for level in zip(*rows) for bead in level]
     long = joined([*block, line([-9, 0.0, 3.0], [9, 0.0, 3.0], patch=1)])
     assert check(long).colliding > 0
-    banded, found = resolve_collisions(long, (), dome(), default_cell(), SETTINGS, silent)
+    banded, found = resolve_collisions(long, dome(), default_cell(), SETTINGS, silent)
     assert found.colliding == 0 and check(banded).colliding == 0
     assert deposited_volume(banded.passes) == pytest.approx(deposited_volume(long.passes))
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Links of the robot against the plate: an exact check of the URDF's own geometry agrees."""
 
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import coal
@@ -9,8 +10,9 @@ import pinocchio
 import pytest
 
 from vega_planner.datatypes import PrintTrajectory, Toolpath, ToolpathSet, Travel
-from vega_planner.printability.robot_body import check_robot_body, points_on
+from vega_planner.printability.robot_body import check_robot_body
 from vega_planner.progress import silent
+from vega_planner.robot.link_points import points_on
 
 from .envelopes import default_cell
 
@@ -74,7 +76,7 @@ def test_links_in_the_plate_are_found_and_no_others():
     for _ in range(60):
         q = rng.uniform(lower, upper)
         q[2] = lower[2] + 0.3 * rng.uniform() * (upper[2] - lower[2])
-        hits = {hit.link for hit in check_robot_body(*resting(cell, q), cell, silent)}
+        hits = {hit.link for hit in check_robot_body(*resting(cell, q), cell, silent).hits}
         for link, depth in exact.depths(q).items():
             if depth > 6.0:
                 assert link in hits
@@ -98,3 +100,18 @@ def test_points_cover_a_shape_where_it_stands(shape, far, near):
     away = np.linalg.norm(points_on(ElementTree.fromstring(text)) - [1, 2, 3], axis=1)
     assert away.max() == pytest.approx(far)
     assert away.min() >= near - 1e-12
+
+
+def test_a_link_that_cannot_be_read_is_named(tmp_path):
+    """It is not taken for one that touches nothing."""
+    cell = default_cell()
+    lost = tmp_path / "lost.stl"
+    mesh = f'<collision><geometry><mesh filename="{lost}"/></geometry></collision>'
+    urdf = cell.robot.urdf.replace('<link name="z_slide">', f'<link name="z_slide">{mesh}')
+    blind = replace(cell, robot=replace(cell.robot, urdf=urdf))
+    check = check_robot_body(*resting(cell, 0.5 * (cell.robot.lower + cell.robot.upper)), blind,
+                             silent)  # fmt: skip
+    assert len(check.unread) == 1
+    assert check.unread[0].startswith("link 'z_slide' is not checked: ")
+    assert str(lost) in check.unread[0]
+    assert check.unread == check.warnings[len(check.hits) :]

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -14,23 +14,18 @@ from vega_planner.datatypes import (
     Floats,
     Ints,
     LayerStack,
-    Patch,
     PrintabilityReport,
     Reason,
     ToolpathSet,
 )
 from vega_planner.printability.assessment import stage_height
 from vega_planner.printability.beads import Beads
-from vega_planner.printability.certificate import certificate
 from vega_planner.printability.material import EMPTY, mesh_field
 from vega_planner.printability.tool_shape import ToolShape, tip_length
 from vega_planner.progress import Progress, Report
-from vega_planner.settings import PrintabilitySettings
 
 if TYPE_CHECKING:
     from vega_planner.robot.workcell import Workcell
-
-__all__ = ["CollisionCheck", "certificate", "check_toolpaths", "too_much_left_out", "with_check"]
 
 #: On travel, the tip counts too once it is this far from both ends [mm].
 FREE_MM = 2.5
@@ -164,31 +159,26 @@ class _Waypoints:
 
 def check_toolpaths(
     toolpaths: ToolpathSet,
-    patches: Sequence[Patch],
     stack: LayerStack,
     cell: Workcell,
-    settings: PrintabilitySettings,
     report: Report,
 ) -> CollisionCheck:
     """Check the solid tool at every printing and travel waypoint.
 
     What is there: the beads laid before the waypoint, the substrate and the plate.
-    Against beads and substrate the first `TIP_MM` of the nozzle do not count while it
-    prints, approaches or leaves, since the tip stands in its own bead.
+    Against beads and substrate what is within `tip_length` of the tip does not count while
+    the nozzle prints, approaches or leaves, since it stands in its own bead.
 
     Args:
         toolpaths: Passes and travel.
-        patches: Patches in print order.
         stack: The layers.
         cell: Tool, placement and substrate.
-        settings: Printability settings.
         report: Receives progress; may raise `Cancelled`.
 
     Returns:
         The colliding waypoints; a waypoint collides where the tool and something else
         share space.
     """
-    del patches
     way = _waypoints(toolpaths)
     near = ToolShape.of(cell.tool, tip_length(stack.thickness_mm))
     whole = ToolShape.of(cell.tool, 0.0)

@@ -9,13 +9,13 @@ along the pass.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from vega_planner.datatypes import Floats, Ints, LayerStack, Patch, Toolpath, ToolpathSet, Travel
+from vega_planner.datatypes import Floats, Ints, LayerStack, Toolpath, ToolpathSet, Travel
 from vega_planner.printability.collisions import (
     CollisionCheck,
     Surroundings,
@@ -51,7 +51,6 @@ TURN_POSES, REROUTE_POSES = 700_000, 100_000
 
 def resolve_collisions(
     toolpaths: ToolpathSet,
-    patches: Sequence[Patch],
     stack: LayerStack,
     cell: Workcell,
     settings: PrintabilitySettings,
@@ -67,7 +66,6 @@ def resolve_collisions(
 
     Args:
         toolpaths: Passes and travel.
-        patches: Patches in print order.
         stack: The layers.
         cell: Tool, placement and substrate.
         settings: Policy, limits and clearance.
@@ -78,7 +76,7 @@ def resolve_collisions(
     """
 
     def checked(paths: ToolpathSet) -> CollisionCheck:
-        return check_toolpaths(paths, patches, stack, cell, settings, report)
+        return check_toolpaths(paths, stack, cell, report)
 
     check = checked(toolpaths)
     if settings.orientation != "collision-free" or not check.colliding:

@@ -25,8 +25,10 @@ from vega_planner.datatypes import (
     Reason,
     ToolpathSet,
 )
+from vega_planner.errors import BadRobot
 from vega_planner.printability.material import mesh_field
 from vega_planner.progress import Progress, Report
+from vega_planner.robot.link_points import points_on
 from vega_planner.units import m_to_mm, mm_to_m
 
 if TYPE_CHECKING:
@@ -35,9 +37,6 @@ if TYPE_CHECKING:
 
 #: Samples of the motion between two that are looked at, and most that are.
 EVERY, MOST = 50, 1500
-
-#: Spacing of the points on boxes, cylinders and spheres [m]; points taken of a mesh.
-SPACING_M, MESH_POINTS = 0.006, 400
 
 #: What lies within the tool's profile, made larger by this, is the tool [mm].
 TOOL_MM = 4.0
@@ -70,6 +69,24 @@ class BodyHit:
     count: int
 
 
+@dataclass(frozen=True)
+class BodyCheck:
+    """Outcome of the check of the links.
+
+    Attributes:
+        hits: Links that touch something, by name.
+        unread: Why links are checked in part or not at all, a line each.
+    """
+
+    hits: tuple[BodyHit, ...] = ()
+    unread: tuple[str, ...] = ()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a person should know, a line each."""
+        return (*(told(hit) for hit in self.hits), *self.unread)
+
+
 @dataclass(eq=False)
 class _Body:
     """A link covered with points in its own frame [m]."""
@@ -91,7 +108,7 @@ class _Body:
 
 def check_robot_body(
     toolpaths: ToolpathSet, trajectory: PrintTrajectory, cell: Workcell, report: Report
-) -> tuple[BodyHit, ...]:
+) -> BodyCheck:
     """Hold the robot's links against plate, substrate and what is printed.
 
     Args:
@@ -101,15 +118,16 @@ def check_robot_body(
         report: Receives progress; may raise `Cancelled`.
 
     Returns:
-        The links that touch something, by name; empty where none does.
+        The links that touch something, and those that could not be looked at.
     """
     robot = cell.robot
     moments = _moments(trajectory)
     if not len(moments) or not toolpaths.passes:
-        return ()
+        return BodyCheck()
     model = _Model(robot)
-    bodies = _bodies(model, cell)
-    touched = _Obstacles(toolpaths, cell, model)
+    unread: list[str] = []
+    bodies = _bodies(model, cell, unread)
+    touched = _Obstacles(toolpaths, cell, _plate_box(model, unread))
     # passes before the one that is being laid are there
     laid = np.maximum.accumulate(trajectory.path_id)
     found: dict[tuple[str, str], BodyHit] = {}
@@ -132,19 +150,20 @@ def check_robot_body(
                 x, y, z = (float(value) for value in points[int(np.argmax(hit))])
                 time = float(trajectory.times[moment])
                 found[key] = BodyHit(body.name, obstacle, time, (x, y, z), 1)
-    return tuple(found[key] for key in sorted(found))
+    return BodyCheck(tuple(found[key] for key in sorted(found)), tuple(unread))
 
 
-def with_body(report: PrintabilityReport, hits: tuple[BodyHit, ...]) -> PrintabilityReport:
+def with_body(report: PrintabilityReport, check: BodyCheck) -> PrintabilityReport:
     """Take touching links into the report's reasons.
 
     The status stays: it tells of nozzle and dispenser. A link that touches is a matter of
     where the part stands and how far the nozzle tilts, and is told with a warning.
     """
     reasons = tuple(
-        Reason("robot_body", -1, 0.0, hit.where_mm, f"{told(hit)}: {_REMEDY}") for hit in hits
+        Reason("robot_body", -1, 0.0, hit.where_mm, f"{told(hit)}: {_REMEDY}")
+        for hit in check.hits
     )
-    return replace(report, reasons=(*report.reasons, *reasons)) if hits else report
+    return replace(report, reasons=(*report.reasons, *reasons)) if reasons else report
 
 
 def told(hit: BodyHit) -> str:
@@ -201,7 +220,17 @@ class _Model:
         return frame
 
 
-def _bodies(model: _Model, cell: Workcell) -> list[_Body]:
+def _covered(link: ElementTree.Element, unread: list[str]) -> Floats:
+    """Cover a link with points [m], shape (n, 3); none, and a line, where it cannot be read."""
+    try:
+        parts = [points_on(element) for element in link.findall("collision")]
+    except (BadRobot, ValueError) as error:
+        unread.append(f"link '{link.get('name')}' is not checked: {error}")
+        parts = []
+    return np.concatenate([np.zeros((0, 3)), *parts])
+
+
+def _bodies(model: _Model, cell: Workcell, unread: list[str]) -> list[_Body]:
     """Cover the links that move with points, but for the tool."""
     chain = cell.robot.chain
     frame = model.frames_at(chain.joint_names, np.clip(0.0, chain.lower, chain.upper))
@@ -216,8 +245,7 @@ def _bodies(model: _Model, cell: Workcell) -> list[_Body]:
         index = model.model.getFrameId(name)
         if index >= len(model.model.frames) or model.model.frames[index].parentJoint == 0:
             continue
-        parts = [points_on(element) for element in link.findall("collision")]
-        points = np.concatenate([np.zeros((0, 3)), *parts])
+        points = _covered(link, unread)
         if model.model.frames[index].parentJoint == last:
             R, p = frame(index)
             away = m_to_mm(points @ R.T + p - tip[0])
@@ -229,99 +257,12 @@ def _bodies(model: _Model, cell: Workcell) -> list[_Body]:
     return found
 
 
-def points_on(collision: ElementTree.Element) -> Floats:
-    """Cover a collision element of a URDF with points.
-
-    Args:
-        collision: A `collision` element: a box, a cylinder, a sphere or a mesh.
-
-    Returns:
-        Points in the link's frame [m], shape (n, 3); none for a mesh that cannot be read.
-    """
-    origin, geometry = collision.find("origin"), collision.find("geometry")
-    shape = geometry[0] if geometry is not None and len(geometry) else None
-    if shape is None:
-        return np.zeros((0, 3))
-    if shape.tag == "box":
-        points = _box(_three(shape.get("size"), "0 0 0"))
-    elif shape.tag == "cylinder":
-        points = _cylinder(float(shape.get("radius", 0)), float(shape.get("length", 0)))
-    elif shape.tag == "sphere":
-        points = _sphere(float(shape.get("radius", 0)))
-    else:
-        points = _mesh(shape)
-    if origin is None:
-        return points
-    roll, pitch, yaw = _three(origin.get("rpy"), "0 0 0")
-    return points @ _rotation(roll, pitch, yaw).T + _three(origin.get("xyz"), "0 0 0")
-
-
-def _three(text: str | None, default: str) -> Floats:
-    return np.array([float(word) for word in (text or default).split()])
-
-
-def _rotation(roll: float, pitch: float, yaw: float) -> Floats:
-    cr, sr, cp, sp = np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch)
-    cy, sy = np.cos(yaw), np.sin(yaw)
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
-
-
-def _steps(length: float) -> int:
-    return max(2, min(60, int(np.ceil(length / SPACING_M)) + 1))
-
-
-def _box(size: Floats) -> Floats:
-    lines = [np.linspace(-0.5 * x, 0.5 * x, _steps(x)) for x in size]
-    grid = np.stack(np.meshgrid(*lines, indexing="ij"), -1).reshape(-1, 3)
-    outside = (np.abs(grid) >= 0.5 * size - 1e-12).any(1)
-    return grid[outside]
-
-
-def _cylinder(radius: float, length: float) -> Floats:
-    turn = np.linspace(0, 2 * np.pi, max(12, _steps(2 * np.pi * radius)), endpoint=False)
-    ring = np.column_stack([np.cos(turn), np.sin(turn)])
-    rows = [
-        np.column_stack([radius * ring, np.full(len(ring), z)])
-        for z in np.linspace(-0.5 * length, 0.5 * length, _steps(length))
-    ]
-    for r in np.linspace(0, radius, _steps(radius))[:-1]:
-        for z in (-0.5 * length, 0.5 * length):
-            rows.append(np.column_stack([r * ring, np.full(len(ring), z)]))
-    return np.concatenate(rows)
-
-
-def _sphere(radius: float) -> Floats:
-    count = max(24, int(4 * np.pi * radius**2 / SPACING_M**2))
-    k = np.arange(count) + 0.5
-    z, turn = 1 - 2 * k / count, np.pi * (1 + 5**0.5) * k
-    level = np.sqrt(1 - z * z)
-    return radius * np.column_stack([level * np.cos(turn), level * np.sin(turn), z])
-
-
-def _mesh(shape: ElementTree.Element) -> Floats:
-    import trimesh
-
-    name = shape.get("filename", "").removeprefix("file://")
-    try:
-        mesh: Any = trimesh.load(name, force="mesh")
-        points = np.asarray(mesh.vertices, float)
-    except Exception:  # whatever a reader of meshes raises: the link is not looked at
-        return np.zeros((0, 3))
-    points = np.unique(points, axis=0)
-    scale = _three(shape.get("scale"), "1 1 1")
-    return points[:: max(1, len(points) // MESH_POINTS)] * scale
-
-
 class _Obstacles:
     """Plate, substrate and beads, in the part frame [mm]."""
 
-    def __init__(self, toolpaths: ToolpathSet, cell: Workcell, model: _Model) -> None:
+    def __init__(
+        self, toolpaths: ToolpathSet, cell: Workcell, plate: tuple[Floats, Floats] | None
+    ) -> None:
         from scipy.spatial import cKDTree
 
         self._cell = cell
@@ -333,7 +274,7 @@ class _Obstacles:
         self._tree = cKDTree(points)
         self._low = points.min(0) - self._reach
         self._high = points.max(0) + self._reach
-        self._plate = _plate_box(model)
+        self._plate = plate
         top = max(float(self._high[2]), cell.placement.plate_z_mm)
         if cell.substrate is not None:
             top = max(top, float(cell.substrate.vertices[:, 2].max()))
@@ -371,12 +312,10 @@ class _Obstacles:
         return np.asarray(((own > low + TOUCH_MM) & (own < high - TOUCH_MM)).all(1))
 
 
-def _plate_box(model: _Model) -> tuple[Floats, Floats] | None:
+def _plate_box(model: _Model, unread: list[str]) -> tuple[Floats, Floats] | None:
     """Corners of the build plate in its own frame [mm], where the URDF draws one."""
     for link in model.urdf.findall("link"):
         if link.get("name") == "build_plate":
-            parts = [points_on(element) for element in link.findall("collision")]
-            if parts:
-                points = m_to_mm(np.concatenate(parts))
-                return points.min(0), points.max(0)
+            points = m_to_mm(_covered(link, unread))
+            return (points.min(0), points.max(0)) if len(points) else None
     return None

@@ -8,15 +8,13 @@ colours, and the joints [URDF]_. Metres, radians.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
-from urllib.parse import unquote, urlparse
 from xml.etree import ElementTree
 
 import numpy as np
 
 from vega_planner.datatypes import Floats, Ints
 from vega_planner.errors import BadRobot
+from vega_planner.robot.urdf_geometry import numbers, origin_pose, read_mesh, rotation_about
 
 _GREY = (0.6, 0.6, 0.6, 1.0)
 _SIDES = 20
@@ -128,13 +126,6 @@ def read_robot_model(urdf: str) -> RobotModel:
     return _tree(visuals, joints)
 
 
-def rotation_about(axis: Floats, angle: float) -> Floats:
-    """Rotation matrix about a unit axis, Rodrigues' formula."""
-    x, y, z = axis
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)
-
-
 def quaternion_wxyz(rotation: Floats) -> Floats:
     """Unit quaternion (w, x, y, z) of a rotation matrix, w >= 0."""
     from scipy.spatial.transform import Rotation
@@ -163,7 +154,7 @@ def _tree(visuals: dict[str, tuple[Visual, ...]], joints: list[Joint]) -> RobotM
 def _joint(element: ElementTree.Element) -> Joint:
     parent, child = element.find("parent"), element.find("child")
     axis = element.find("axis")
-    direction = _numbers(axis.get("xyz") if axis is not None else None, "1 0 0", 3)
+    direction = numbers(axis.get("xyz") if axis is not None else None, "1 0 0", 3)
     length = np.linalg.norm(direction)
     mimic = element.find("mimic")
     return Joint(
@@ -171,7 +162,7 @@ def _joint(element: ElementTree.Element) -> Joint:
         kind=element.get("type", "fixed"),
         parent=parent.get("link", "") if parent is not None else "",
         child=child.get("link", "") if child is not None else "",
-        T_parent_joint=_origin(element.find("origin")),
+        T_parent_joint=origin_pose(element.find("origin")),
         axis=direction / length if length > 0 else np.array([1.0, 0.0, 0.0]),
         mimic=None
         if mimic is None
@@ -189,7 +180,7 @@ def _visual(element: ElementTree.Element, palette: dict[str, tuple[float, ...]])
     if shape is None:
         raise ValueError("a visual has no geometry")
     vertices, faces = _shape(shape)
-    T = _origin(element.find("origin"))
+    T = origin_pose(element.find("origin"))
     material = element.find("material")
     colour: tuple[float, ...] = _GREY
     if material is not None:
@@ -215,7 +206,7 @@ def _merged(visuals: list[Visual]) -> tuple[Visual, ...]:
 
 def _shape(shape: ElementTree.Element) -> tuple[Floats, Ints]:
     if shape.tag == "box":
-        return _box(_numbers(shape.get("size"), "0 0 0", 3))
+        return _box(numbers(shape.get("size"), "0 0 0", 3))
     if shape.tag == "cylinder":
         return _rings(
             np.array([-0.5, -0.5, 0.5, 0.5]) * float(shape.get("length", 0)),
@@ -226,7 +217,7 @@ def _shape(shape: ElementTree.Element) -> tuple[Floats, Ints]:
         radius = float(shape.get("radius", 0))
         return _rings(-radius * np.cos(tilt), radius * np.sin(tilt))
     if shape.tag == "mesh":
-        return _mesh_file(shape.get("filename", ""), _numbers(shape.get("scale"), "1 1 1", 3))
+        return read_mesh(shape.get("filename", ""), numbers(shape.get("scale"), "1 1 1", 3))
     raise ValueError(f"shape '{shape.tag}' is not known; choices: box, cylinder, sphere, mesh")
 
 
@@ -264,37 +255,6 @@ def _rings(heights: Floats, radii: Floats) -> tuple[Floats, Ints]:
     return np.concatenate(vertices), np.concatenate(faces)
 
 
-def _mesh_file(name: str, scale: Floats) -> tuple[Floats, Ints]:
-    import trimesh
-
-    place = urlparse(name)
-    if place.scheme not in ("", "file"):
-        raise ValueError(f"mesh '{name}' is no file; package:// paths must be resolved before")
-    path = Path(unquote(place.path))
-    try:
-        loaded: Any = trimesh.load(path, force="mesh")
-    except Exception as error:  # trimesh and its readers raise many kinds
-        raise BadRobot(f"mesh {path} of the URDF cannot be read: {error}") from error
-    return np.array(loaded.vertices) * scale, np.array(loaded.faces, dtype=np.int64)
-
-
 def _colour(material: ElementTree.Element) -> tuple[float, ...] | None:
     colour = material.find("color")
-    return tuple(_numbers(colour.get("rgba"), "", 4)) if colour is not None else None
-
-
-def _origin(element: ElementTree.Element | None) -> Floats:
-    T = np.eye(4)
-    if element is not None:
-        T[:3, 3] = _numbers(element.get("xyz"), "0 0 0", 3)
-        roll, pitch, yaw = _numbers(element.get("rpy"), "0 0 0", 3)
-        x, y, z = np.eye(3)
-        T[:3, :3] = rotation_about(z, yaw) @ rotation_about(y, pitch) @ rotation_about(x, roll)
-    return T
-
-
-def _numbers(text: str | None, default: str, count: int) -> Floats:
-    values = np.array([float(word) for word in (text or default).split()])
-    if len(values) != count:
-        raise ValueError(f"'{text}' is not {count} numbers")
-    return values
+    return tuple(numbers(colour.get("rgba"), "", 4)) if colour is not None else None
