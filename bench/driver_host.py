@@ -17,7 +17,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 from driver_job import JOINTS, ROOT, SPEED, machine
 
-from vega_robot_driver.control.calibration import calibration_job
+from vega_robot_driver.control.calibration import calibration_job, dry_job
 from vega_robot_driver.dispenser.digital_output import DigitalOutputDispenser
 from vega_robot_driver.executor import Executor, Limits
 from vega_robot_driver.job import PrintJob
@@ -67,16 +67,7 @@ def to_and_fro(here: np.ndarray, rounds: int) -> PrintJob:
             times.append(times[-1] + duration)
             rows.append(row)
             rates.append(speed)
-    count = len(times)
-    return PrintJob(
-        joint_names=JOINTS,
-        times=np.array(times),
-        positions=np.array(rows),
-        velocities=np.array(rates),
-        extrude=np.zeros(count, np.bool_),
-        path_id=np.full(count, -1),
-        path_layer=np.zeros(0, np.int64),
-    )
+    return dry_job(JOINTS, times, rows, rates)
 
 
 def run(executor: Executor, job: PrintJob) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -35,7 +35,7 @@ from vega_planner.assess.virtual_print import simulate
 from vega_planner.datatypes import Part
 from vega_planner.errors import VegaError
 from vega_planner.part import load_part
-from vega_planner.pipeline import plan
+from vega_planner.pipeline import PrintPlan, plan
 from vega_planner.settings import Settings, load_settings
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -115,19 +115,23 @@ def settings_of(path: Path) -> Settings:
     return load_settings(beside, Settings()) if beside.exists() else Settings()
 
 
-def measure(path: Path, mode: str, voxel_mm: float) -> dict[str, Any]:
-    settings = settings_of(path)
-    began = time.perf_counter()
-    result = plan(path, settings.updated(MODES[mode]))
-    planned = time.perf_counter()
-    printed = simulate(
+def figures_of(result: PrintPlan, voxel_mm: float) -> dict[str, Any]:
+    """Print a plan virtually and measure it."""
+    return simulate(
         result.toolpaths,
         result.part,
         voxel_mm=voxel_mm,
         plate_z_mm=result.cell.placement.plate_z_mm,
         substrate=result.cell.substrate,
-    )
-    figures = printed.as_dict()
+    ).as_dict()
+
+
+def measure(path: Path, mode: str, voxel_mm: float) -> dict[str, Any]:
+    settings = settings_of(path)
+    began = time.perf_counter()
+    result = plan(path, settings.updated(MODES[mode]))
+    planned = time.perf_counter()
+    figures = figures_of(result, voxel_mm)
     return {
         **figures,
         "path_length_mm": result.toolpaths.path_length_mm,

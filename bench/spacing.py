@@ -18,10 +18,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from fidelity import figures_of, settings_of
 
-from vega_planner.assess.virtual_print import simulate
 from vega_planner.pipeline import plan
-from vega_planner.settings import Settings, load_settings
 
 ROOT = Path(__file__).resolve().parent.parent
 MODES: dict[str, dict[str, str]] = {
@@ -32,18 +31,11 @@ MODES: dict[str, dict[str, str]] = {
 
 
 def measure(path: Path, changes: dict[str, str], voxel_mm: float) -> dict[str, Any]:
-    beside = path.with_suffix(".yaml")
-    settings = load_settings(beside) if beside.exists() else Settings()
+    settings = settings_of(path)
     cpu = time.process_time()
     result = plan(path, settings.updated({"toolpaths": changes}))
     cpu = time.process_time() - cpu
-    printed = simulate(
-        result.toolpaths,
-        result.part,
-        voxel_mm=voxel_mm,
-        plate_z_mm=result.cell.placement.plate_z_mm,
-        substrate=result.cell.substrate,
-    ).as_dict()
+    printed = figures_of(result, voxel_mm)
     paths = result.toolpaths
     return {
         "under_pct": printed["free"]["under_pct"],

@@ -7,7 +7,6 @@ the kernel keeps what was written last.
 
 from __future__ import annotations
 
-import mmap
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +16,7 @@ import numpy as np
 from vega_planner.datatypes import Floats
 from vega_planner.errors import LinkTimeout
 from vega_robot_driver.executor import STATES
+from vega_robot_driver.mapped_file import map_file
 
 #: Most axes a page has room for.
 MOST_AXES = 8
@@ -134,14 +134,8 @@ class StatusPage:
     """
 
     def __init__(self, folder: Path, *, create: bool = False) -> None:
-        path = folder / "status"
-        if create:
-            path.write_bytes(bytes(_SIZE))
-        try:
-            with path.open("r+b") as file:
-                self._memory = mmap.mmap(file.fileno(), _SIZE)
-        except (OSError, ValueError) as error:
-            raise LinkTimeout(f"no machine has run in {folder}: {error}") from error
+        missing = f"no machine has run in {folder}"
+        self._memory = map_file(folder / "status", _SIZE, missing, create=create)
         self.record = np.zeros(1, _PAGE)
         self._sequence = 0
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from vega_planner.datatypes import Floats, Ints
 from vega_planner.layers import contour_kernels as kernels
+from vega_planner.layers import face_kernels
 from vega_planner.layers.contour_tables import component_tables
 from vega_planner.layers.distance_field import DistanceField
 from vega_planner.layers.geodesic import Sources
@@ -114,7 +115,7 @@ def contour_levels(
     quads = _quads(grid, sources, leave, r0, t, counts, members, corner_step, slabs, base)
     faces = np.zeros((2 * len(quads), 3), np.int64)
     pieces = [len(quads) * k // 16 for k in range(17)]
-    split_quads: Any = kernels.split_quads
+    split_quads: Any = face_kernels.split_quads
     map_threads(
         lambda s: split_quads(
             sources.tri,
@@ -143,9 +144,11 @@ def _quads(grid, sources, leave, r0, t, counts, members, corner_step, slabs, bas
             sources.tri, grid.origin, grid.spacing, grid.state, grid.distance, grid.slot,
             grid.level, leave, r0, t, counts, members, corner_step, ny, nz, *slab, base,
         )  # fmt: skip
-        quads = np.zeros((kernels.make_quads(*arguments, np.zeros((0, 4), np.int64)), 4), np.int64)
+        quads = np.zeros(
+            (face_kernels.make_quads(*arguments, np.zeros((0, 4), np.int64)), 4), np.int64
+        )
         if len(quads):
-            kernels.make_quads(*arguments, quads)
+            face_kernels.make_quads(*arguments, quads)
         return quads
 
     return np.concatenate(map_threads(collect, slabs))
@@ -156,10 +159,10 @@ def _by_level(position, vertex_level, vertex_slot, is_rim, inward, faces, r0, t)
     levels = int(vertex_level.max(initial=-1)) + 1
     used = np.zeros(len(position), np.uint8)
     ends, face_ends = np.zeros(levels + 1, np.int64), np.zeros(levels + 1, np.int64)
-    kernels.count_by_level(position, vertex_level, faces, used, ends, face_ends)
+    face_kernels.count_by_level(position, vertex_level, faces, used, ends, face_ends)
     mine = np.zeros(ends[-1], np.int64)
     sorted_faces = np.zeros((face_ends[-1], 3), np.int64)
-    kernels.sort_by_level(vertex_level, faces, used, ends, face_ends, mine, sorted_faces)
+    face_kernels.sort_by_level(vertex_level, faces, used, ends, face_ends, mine, sorted_faces)
     levels = int(np.searchsorted(ends, ends[-1]))
 
     def sheet(k: int) -> Sheet:

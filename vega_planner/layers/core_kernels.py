@@ -9,6 +9,7 @@ from numba import njit
 
 from vega_planner.layers.grid_kernels import INSIDE
 from vega_planner.layers.triangle_kernels import first_hit, nearest
+from vega_planner.part.surface_kernels import cross_of
 
 #: What ends the room in front of a point.
 OPEN, OPPOSED, REGION = 0, 1, 2
@@ -113,60 +114,11 @@ def measure_room(tri, box, brr_tri, brr_box, feet, inward, limit, first, last, r
 
 
 @njit(nogil=True, cache=True)
-def label_pieces(count, faces, piece):
-    """Number the connected pieces of a mesh in the order of their first vertices.
-
-    Args:
-        count: Number of vertices.
-        faces: Vertex indices, (m, 3).
-        piece: Result: the piece of each face, (m,).
-    """
-    above = np.arange(count)
-    for f in range(len(faces)):
-        for c in range(2):
-            a, b = faces[f, c], faces[f, c + 1]
-            while above[a] != a:
-                above[a] = above[above[a]]
-                a = above[a]
-            while above[b] != b:
-                above[b] = above[above[b]]
-                b = above[b]
-            # The smaller one leads, so that a leader comes before all that follow it.
-            if a < b:
-                above[b] = a
-            else:
-                above[a] = b
-    number = np.full(count, -1)
-    pieces = 0
-    used = np.zeros(count, np.uint8)
-    for f in range(len(faces)):
-        for c in range(3):
-            used[faces[f, c]] = 1
-    for v in range(count):
-        if not used[v]:
-            continue
-        if above[v] == v:
-            number[v] = pieces
-            pieces += 1
-        else:
-            number[v] = number[above[v]]
-    for f in range(len(faces)):
-        piece[f] = number[faces[f, 0]]
-
-
-@njit(nogil=True, cache=True)
 def measure_areas(vertices, faces, areas):
     """Work out the area of each face."""
+    normal = np.zeros(3)
     for f in range(len(faces)):
-        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
-        total = 0.0
-        for k in range(3):
-            m, n = (k + 1) % 3, (k + 2) % 3
-            x = (vertices[b, m] - vertices[a, m]) * (vertices[c, n] - vertices[a, n]) - (
-                vertices[b, n] - vertices[a, n]
-            ) * (vertices[c, m] - vertices[a, m])
-            total += x * x
-        areas[f] = np.sqrt(total) / 2.0
+        areas[f] = 0.5 * cross_of(vertices, faces[f, 0], faces[f, 1], faces[f, 2], normal)
 
 
 @njit(nogil=True, cache=True)

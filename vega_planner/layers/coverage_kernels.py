@@ -7,7 +7,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from vega_planner.layers.triangle_kernels import measure, triangle_rows
+from vega_planner.layers.triangle_kernels import measure, off_plane, triangle_rows
+from vega_planner.part.surface_kernels import cross_of
 
 
 @njit(nogil=True, cache=True)
@@ -19,6 +20,7 @@ def weigh_faces(vertices, faces, thickness, middle, half):
         from a middle to a point that its face covers [mm].
     """
     material, reach = 0.0, 0.0
+    normal = np.zeros(3)
     for f in range(len(faces)):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
         half[f] = (thickness[a] + thickness[b] + thickness[c]) / 6.0
@@ -30,18 +32,7 @@ def weigh_faces(vertices, faces, thickness, middle, half):
             for k in range(3):
                 d2 += (vertices[v, k] - middle[f, k]) ** 2
             wide = max(wide, d2)
-        ux, uy, uz = (
-            vertices[b, 0] - vertices[a, 0],
-            vertices[b, 1] - vertices[a, 1],
-            vertices[b, 2] - vertices[a, 2],
-        )
-        vx, vy, vz = (
-            vertices[c, 0] - vertices[a, 0],
-            vertices[c, 1] - vertices[a, 1],
-            vertices[c, 2] - vertices[a, 2],
-        )
-        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-        material += np.sqrt(nx * nx + ny * ny + nz * nz) * half[f]
+        material += cross_of(vertices, a, b, c, normal) * half[f]
         reach = max(reach, np.sqrt(wide) + half[f])
     return material, reach + 1e-6
 
@@ -81,11 +72,7 @@ def is_near_face(tri, half, low, size, shape, start, order, x, y, z):
             for n in range(start[first + front], start[first + back]):
                 f = order[n]
                 least = (half[f] + 1e-6) ** 2
-                off = (
-                    tri[f, 9] * (x - tri[f, 0])
-                    + tri[f, 10] * (y - tri[f, 1])
-                    + tri[f, 11] * (z - tri[f, 2])
-                )
+                off = off_plane(tri, f, x, y, z)
                 if off * off <= least and measure(tri, f, x, y, z)[0] <= least:
                     return True
     return False

@@ -7,6 +7,7 @@ import numpy as np
 
 from vega_planner.datatypes import Bools, Floats, Ints
 from vega_planner.layers import tidy_kernels as kernels
+from vega_planner.part.surface_kernels import vertex_stars
 
 
 def folded_ears(vertices: Floats, faces: Ints) -> Bools:
@@ -24,6 +25,6 @@ def folded_ears(vertices: Floats, faces: Ints) -> Bools:
     if len(faces) == 0:
         return ears
     faces = np.ascontiguousarray(faces, np.int64)
-    start, around = kernels.faces_around(faces, len(vertices))
+    start, around = vertex_stars(faces, len(vertices))
     kernels.mark_ears(vertices, faces, start, around, ears)
     return ears

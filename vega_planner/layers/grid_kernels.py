@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from vega_planner.layers.triangle_kernels import closest, measure, nearest, walk
+from vega_planner.layers.triangle_kernels import closest, measure, nearest, off_plane, walk
 
 #: States of a node.
 NONE, RING, INSIDE = 0, 1, 2
@@ -215,11 +215,7 @@ def sweep(
                                 continue
                             tried[count] = s
                             count += 1
-                            off = (
-                                tri[s, 9] * (x - tri[s, 0])
-                                + tri[s, 10] * (y - tri[s, 1])
-                                + tri[s, 11] * (z - tri[s, 2])
-                            )
+                            off = off_plane(tri, s, x, y, z)
                             if abs(off) >= reach:
                                 continue
                             d2, _, _ = measure(tri, s, x, y, z)

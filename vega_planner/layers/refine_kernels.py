@@ -7,8 +7,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from vega_planner.layers.contour_kernels import settle_rim, walk_sheet
 from vega_planner.layers.triangle_kernels import closest, nearest, nearest_or_walk, walk
+from vega_planner.layers.vertex_kernels import settle_rim, walk_sheet
 
 #: Edges between the sides of a sliver may be so far off the level set [mm].
 WIDE_MM = 0.1

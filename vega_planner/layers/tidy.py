@@ -8,6 +8,7 @@ import numpy as np
 from vega_planner.layers import tidy_kernels as kernels
 from vega_planner.layers.contour import Sheet
 from vega_planner.layers.geodesic import Sources
+from vega_planner.part.surface_kernels import vertex_stars
 
 #: Height below which a triangle is a sliver, in t.
 SLIVER_HEIGHT = 0.012
@@ -33,7 +34,7 @@ def tidy_sheet(sheet: Sheet, sources: Sources, t: float) -> Sheet:
     count = len(sheet.vertices)
     faces = np.array(sheet.faces, np.int64, order="C")
     for _ in range(ROUNDS):
-        start, around = kernels.faces_around(faces, count)
+        start, around = vertex_stars(faces, count)
         changed = kernels.tidy_faces(
             sources.tri, *sources.rings, sheet.vertices, sheet.slots, faces, start, around,
             sheet.depth, SLIVER_HEIGHT * t,

@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 
 from vega_planner.layers.triangle_kernels import walk
+from vega_planner.part.surface_kernels import cross_of
 
 #: Longest edge whose ends are merged, and longest of the rim [mm].
 SHORT_MM, SHORT_RIM_MM = 0.1, 0.02
@@ -23,26 +24,12 @@ MOST_AROUND = 32
 
 
 @njit(nogil=True, cache=True)
-def faces_around(faces, count):
-    """List the faces about each vertex.
-
-    Returns:
-        Start of each vertex in the list, shape (count + 1,), and the list.
-    """
-    start = np.zeros(count + 1, np.int64)
-    for f in range(len(faces)):
-        for c in range(3):
-            start[faces[f, c] + 1] += 1
-    for v in range(count):
-        start[v + 1] += start[v]
-    fill = start[:-1].copy()
-    around = np.zeros(start[count], np.int64)
-    for f in range(len(faces)):
-        for c in range(3):
-            v = faces[f, c]
-            around[fill[v]] = f
-            fill[v] += 1
-    return start, around
+def squared(vertices, a, b):
+    """Return the squared length of an edge."""
+    total = 0.0
+    for k in range(3):
+        total += (vertices[a, k] - vertices[b, k]) ** 2
+    return total
 
 
 @njit(nogil=True, cache=True)
@@ -55,24 +42,12 @@ def shape_of(vertices, a, b, c, normal):
     Returns:
         Its height over the longest side [mm].
     """
-    ux, uy, uz = (
-        vertices[b, 0] - vertices[a, 0],
-        vertices[b, 1] - vertices[a, 1],
-        vertices[b, 2] - vertices[a, 2],
-    )
-    vx, vy, vz = (
-        vertices[c, 0] - vertices[a, 0],
-        vertices[c, 1] - vertices[a, 1],
-        vertices[c, 2] - vertices[a, 2],
-    )
-    x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-    area = np.sqrt(x * x + y * y + z * z)
-    wx, wy, wz = vx - ux, vy - uy, vz - uz
+    area = cross_of(vertices, a, b, c, normal)
     longest = np.sqrt(
-        max(ux * ux + uy * uy + uz * uz, vx * vx + vy * vy + vz * vz, wx * wx + wy * wy + wz * wz)
+        max(squared(vertices, a, b), squared(vertices, a, c), squared(vertices, b, c))
     )
-    scale = 1.0 / area if area > 1e-12 else 0.0
-    normal[0], normal[1], normal[2] = x * scale, y * scale, z * scale
+    for k in range(3):
+        normal[k] = normal[k] / area if area > 1e-12 else 0.0
     return area / max(longest, 1e-12)
 
 
@@ -87,15 +62,6 @@ def centre_error(tri, corner, ring_start, ring, vertices, slots, a, b, c, r):
         _, d2, _, _, _ = walk(tri, corner, ring_start, ring, slots[v], x, y, z)
         least = min(least, d2)
     return abs(np.sqrt(least) - r)
-
-
-@njit(nogil=True, cache=True)
-def squared(vertices, a, b):
-    """Return the squared length of an edge."""
-    total = 0.0
-    for k in range(3):
-        total += (vertices[a, k] - vertices[b, k]) ** 2
-    return total
 
 
 @njit(nogil=True, cache=True)
@@ -332,20 +298,7 @@ def mark_ears(vertices, faces, start, around, ears):
                 break
         if count != 1 or uses != 1:
             continue
-        if cross_of(vertices, faces, f, mine) > cross_of(vertices, faces, g, other):
+        size = cross_of(vertices, faces[f, 0], faces[f, 1], faces[f, 2], mine)
+        if size > cross_of(vertices, faces[g, 0], faces[g, 1], faces[g, 2], other):
             continue
         ears[f] = mine[0] * other[0] + mine[1] * other[1] + mine[2] * other[2] < 0.0
-
-
-@njit(nogil=True, cache=True)
-def cross_of(vertices, faces, f, out):
-    """Work out the normal of a face, as long as twice its area, and that length."""
-    a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
-    total = 0.0
-    for k in range(3):
-        m, n = (k + 1) % 3, (k + 2) % 3
-        out[k] = (vertices[b, m] - vertices[a, m]) * (vertices[c, n] - vertices[a, n]) - (
-            vertices[b, n] - vertices[a, n]
-        ) * (vertices[c, m] - vertices[a, m])
-        total += out[k] * out[k]
-    return np.sqrt(total)

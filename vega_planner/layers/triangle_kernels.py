@@ -67,6 +67,14 @@ def measure(tri, s, x, y, z):
     return d2, u, v
 
 
+@njit(nogil=True, cache=True)
+def off_plane(tri, s, x, y, z):
+    """Signed distance of a point from the plane of a triangle: none of it is nearer."""
+    return (
+        tri[s, 9] * (x - tri[s, 0]) + tri[s, 10] * (y - tri[s, 1]) + tri[s, 11] * (z - tri[s, 2])
+    )
+
+
 @njit(nogil=True, cache=True, error_model="numpy")
 def foot(tri, s, u, v, x, y, z):
     """Place the point a + u ab + v ac of triangle s, as seen from (x, y, z)."""
@@ -256,11 +264,7 @@ def nearest(tri, box, x, y, z, hint, bound, stack, lower):
         if i >= first_leaf:
             start = (i - first_leaf) * LEAF
             for s in range(start, min(start + LEAF, count)):
-                off = (
-                    tri[s, 9] * (x - tri[s, 0])
-                    + tri[s, 10] * (y - tri[s, 1])
-                    + tri[s, 11] * (z - tri[s, 2])
-                )
+                off = off_plane(tri, s, x, y, z)
                 if off * off >= least:
                     continue
                 d2, _, _ = measure(tri, s, x, y, z)
@@ -325,11 +329,7 @@ def walk(tri, corner, ring_start, ring, s, x, y, z):
             n = ring[j]
             if n == s:
                 continue
-            off = (
-                tri[n, 9] * (x - tri[n, 0])
-                + tri[n, 10] * (y - tri[n, 1])
-                + tri[n, 11] * (z - tri[n, 2])
-            )
+            off = off_plane(tri, n, x, y, z)
             if off * off >= least:
                 continue
             d2, a, b = measure(tri, n, x, y, z)

@@ -25,10 +25,10 @@ from vega_planner.datatypes import (
     PrintabilityReport,
 )
 from vega_planner.parallel import map_threads
+from vega_planner.part.surface_kernels import components
 from vega_planner.printability.islands import neighbours_of, without_islands
 from vega_planner.printability.line_of_sight import Occluder
 from vega_planner.printability.material import EMPTY, DistanceField, Material, mesh_field
-from vega_planner.printability.mesh_kernels import components
 from vega_planner.printability.orientation import orient, tilt_of
 from vega_planner.printability.reasons import reasons_of
 from vega_planner.printability.remedies import Access

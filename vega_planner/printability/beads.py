@@ -9,6 +9,7 @@ import numpy as np
 
 from vega_planner.datatypes import Floats, Ints, Toolpath
 from vega_planner.parallel import cores, map_threads
+from vega_planner.part.morton import morton_order
 from vega_planner.printability import bead_kernels as kernels
 from vega_planner.printability.tool_shape import STEP_MM, ToolShape
 
@@ -104,7 +105,7 @@ def _tree(beads: Floats) -> tuple[Ints, Floats, Ints, Ints]:
         where the levels begin.
     """
     leaves = _balls(beads, kernels.BLOCK)
-    block = _along_a_curve(leaves[:, :3])
+    block = morton_order(leaves[:, :3]) if len(leaves) else np.zeros(0, np.int64)
     balls, earliest = [leaves[block]], [block * kernels.BLOCK]
     while len(balls[-1]) > 1:
         starts = np.arange(0, len(balls[-1]), kernels.CHILDREN)
@@ -112,20 +113,6 @@ def _tree(beads: Floats) -> tuple[Ints, Floats, Ints, Ints]:
         balls.append(_balls(balls[-1], kernels.CHILDREN))
     level = np.cumsum([0, *(len(rows) for rows in balls)])
     return block, np.concatenate(balls), np.concatenate(earliest), level
-
-
-def _along_a_curve(points: Floats) -> Ints:
-    """Order points along Morton's curve, so that neighbours in the list are neighbours."""
-    if not len(points):
-        return np.zeros(0, np.int64)
-    low = points.min(0)
-    cell = max(float((points.max(0) - low).max()), 1e-9) / 1023.0
-    place = ((points - low) / cell).astype(np.int64)
-    code = np.zeros(len(points), np.int64)
-    for bit in range(10):
-        for axis in range(3):
-            code |= ((place[:, axis] >> bit) & 1) << (3 * bit + axis)
-    return np.argsort(code, kind="stable")
 
 
 def _balls(rows: Floats, size: int) -> Floats:

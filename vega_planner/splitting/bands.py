@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from vega_planner.datatypes import Patch
-from vega_planner.printability.mesh_kernels import components
+from vega_planner.part.surface_kernels import components
 from vega_planner.splitting.cut import Cut, cut_mesh
 
 #: Pieces smaller than this share of a squared layer thickness hold no bead.

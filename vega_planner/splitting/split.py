@@ -11,6 +11,7 @@ import numpy as np
 
 from vega_planner.datatypes import Floats, Ints, Layer, LayerStack, Patch, TriangleGeometry
 from vega_planner.parallel import map_threads
+from vega_planner.part.surface_kernels import components
 from vega_planner.printability.assessment import (
     INSIDE,
     NEITHER,
@@ -19,7 +20,6 @@ from vega_planner.printability.assessment import (
     SheetAssessment,
 )
 from vega_planner.printability.islands import neighbours_of
-from vega_planner.printability.mesh_kernels import components
 from vega_planner.progress import Progress, Report
 from vega_planner.settings import PrintabilitySettings
 from vega_planner.splitting.border import separating_field

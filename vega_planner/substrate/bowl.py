@@ -16,8 +16,8 @@ import numpy as np
 
 from vega_planner.datatypes import Floats, Ints, Part, TriangleGeometry
 from vega_planner.errors import BadMesh, InvalidInput
+from vega_planner.part.surface_kernels import components
 from vega_planner.printability.line_of_sight import Occluder
-from vega_planner.printability.mesh_kernels import components
 
 #: A base is flat where this share of the part's outline touches the plane z = 0.
 FLAT_SHARE = 0.15

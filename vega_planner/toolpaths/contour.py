@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from vega_planner.datatypes import Bools, Floats, Ints, Patch
+from vega_planner.part.surface_kernels import label_components
 from vega_planner.toolpaths.distance import through_space_from_rim
 from vega_planner.toolpaths.gaps import LONELY, lines_in_gaps, middle_of, ridge_vertices
 from vega_planner.toolpaths.isoline_kernels import area_above
@@ -24,7 +25,6 @@ from vega_planner.toolpaths.isolines import (
 from vega_planner.toolpaths.polyline_kernels import line_length
 from vega_planner.toolpaths.rim import Ground, measure_rim
 from vega_planner.toolpaths.surface import Surface
-from vega_planner.toolpaths.topology_kernels import label_components
 
 #: The spacing is fitted to the depth of the patch between these parts of itself; where
 #: that cannot be, the middle gets a line of its own.

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vega_planner.datatypes import Floats, Ints, Patch
+from vega_planner.part.surface_kernels import vertex_normals
 from vega_planner.toolpaths.corner_kernels import with_corners
 from vega_planner.toolpaths.isoline_kernels import gather, trace_isolines
 from vega_planner.toolpaths.surface import Surface
-from vega_planner.toolpaths.topology_kernels import vertex_normals
 
 #: Columns of a row of a line: position, tool axis, layer thickness, width of the strip
 #: to fill, distance from the rim, normal of the surface.

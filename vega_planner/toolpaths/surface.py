@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vega_planner.datatypes import Bools, Floats, Ints, Patch
-from vega_planner.toolpaths.topology_kernels import label_components, unique_edges, vertex_stars
+from vega_planner.part.surface_kernels import label_components, unique_edges, vertex_stars
 
 
 @dataclass(frozen=True, eq=False)

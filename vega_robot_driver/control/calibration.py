@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from vega_planner.datatypes import Floats
@@ -62,12 +64,29 @@ def calibration_job(
             )
         for goal in (lower[k], upper[k], lower[k], here[k]):
             sweep(k, float(goal))
+    return dry_job(joint_names, times, rows, rates)
+
+
+def dry_job(
+    joint_names: tuple[str, ...],
+    times: Sequence[float],
+    positions: Sequence[Floats],
+    velocities: Sequence[Floats],
+) -> PrintJob:
+    """Make a job that moves and lays nothing.
+
+    Args:
+        joint_names: Joints, j of them.
+        times: Seconds from the start, n of them, rising.
+        positions: [rad, m], n of shape (j,).
+        velocities: [rad/s, m/s], n of shape (j,).
+    """
     count = len(times)
     return PrintJob(
         joint_names=joint_names,
         times=np.array(times),
-        positions=np.array(rows),
-        velocities=np.array(rates),
+        positions=np.array(positions),
+        velocities=np.array(velocities),
         extrude=np.zeros(count, np.bool_),
         path_id=np.full(count, -1),
         path_layer=np.zeros(0, np.int64),

@@ -3,13 +3,12 @@
 
 from __future__ import annotations
 
-import mmap
 from pathlib import Path
 
 import numpy as np
 
-from vega_planner.errors import LinkTimeout
 from vega_robot_driver.executor import STATES, Executor
+from vega_robot_driver.mapped_file import map_file
 from vega_robot_driver.status import MOST_AXES
 
 ROW = np.dtype(
@@ -45,13 +44,7 @@ class Ring:
 
     def __init__(self, path: Path, *, create: bool = False) -> None:
         size = _COUNT + ROOM * ROW.itemsize
-        if create:
-            path.write_bytes(bytes(size))
-        try:
-            with path.open("r+b") as file:
-                self._memory = mmap.mmap(file.fileno(), size)
-        except (OSError, ValueError) as error:
-            raise LinkTimeout(f"no ring at {path}: {error}") from error
+        self._memory = map_file(path, size, f"no ring at {path}", create=create)
         self._row = np.zeros(1, ROW)
         self._written = 0
 

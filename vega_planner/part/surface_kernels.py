@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Kernels for the connectivity of a triangle mesh: edges, stars and rims.
+"""Kernels for a triangle mesh as a surface: stars, edges, pieces and normals.
 
 All are linear in the number of faces, since a vertex has few neighbours.
 """
@@ -152,3 +152,48 @@ def label_components(ends, labels, count):
         else:
             component[v] = component[root]
     return component, n
+
+
+@njit(nogil=True, cache=True)
+def components(count, faces, out):
+    """Number the connected pieces of a mesh, faces joined by a shared vertex.
+
+    Args:
+        count: Number of vertices.
+        faces: (m, 3) int64.
+        out: (m,) int64, written: piece of each face, numbered by first face.
+
+    Returns:
+        Number of pieces.
+    """
+    parent = np.arange(count)
+    for f in range(faces.shape[0]):
+        for e in range(1, 3):
+            a, b = find_root(parent, faces[f, 0]), find_root(parent, faces[f, e])
+            # The smaller one leads, so that a leader comes before all that follow it.
+            if a < b:
+                parent[b] = a
+            else:
+                parent[a] = b
+    number = np.full(count, -1)
+    total = 0
+    for f in range(faces.shape[0]):
+        a = find_root(parent, faces[f, 0])
+        if number[a] < 0:
+            number[a] = total
+            total += 1
+        out[f] = number[a]
+    return total
+
+
+@njit(nogil=True, cache=True)
+def cross_of(vertices, a, b, c, out):
+    """Work out the normal of a triangle, as long as twice its area, and that length."""
+    total = 0.0
+    for k in range(3):
+        m, n = (k + 1) % 3, (k + 2) % 3
+        out[k] = (vertices[b, m] - vertices[a, m]) * (vertices[c, n] - vertices[a, n]) - (
+            vertices[b, n] - vertices[a, n]
+        ) * (vertices[c, m] - vertices[a, m])
+        total += out[k] * out[k]
+    return np.sqrt(total)

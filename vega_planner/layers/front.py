@@ -1,0 +1,222 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The room in front of a sheet: how far it is to where the fronts from both sides meet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vega_planner.datatypes import Bools, Floats, Ints, Part
+from vega_planner.layers import core_kernels as kernels
+from vega_planner.layers.contour import Sheet
+from vega_planner.layers.distance_field import DistanceField
+from vega_planner.layers.grid import Grid
+from vega_planner.layers.subdivide import split_long_edges
+
+#: Sheets of the core end this far from the surface, in their depth: between the corners
+#: their round ends leave open and what bulges out.
+END_RATIO = 0.75
+
+_CHUNK = 4096
+
+
+@dataclass(frozen=True, eq=False)
+class Front:
+    """A sheet with the room in front of it.
+
+    Attributes:
+        level: N, or -1 for the surface S itself.
+        vertices: Points [mm], shape (n, 3).
+        faces: Vertex indices, shape (m, 3).
+        feet: Nearest points of S [mm], shape (n, 3).
+        inward: Unit vectors from the feet into the part, shape (n, 3).
+        room: Depth m at which the fronts meet [mm], infinite where far, shape (n,).
+        opposed: True where they meet another front, False at the restraint region.
+        measured: True where the room was measured, False where it was carried on.
+    """
+
+    level: int
+    vertices: Floats
+    faces: Ints
+    feet: Floats
+    inward: Floats
+    room: Floats
+    opposed: Bools
+    measured: Bools
+
+
+def sheet_front(
+    level: int,
+    sheet: Sheet,
+    grid: Grid,
+    field: DistanceField,
+    brr: DistanceField | None,
+    t: float,
+    sliver: float,
+) -> Front:
+    """Measure the room in front of an envelope sheet, where it ends within reach."""
+    count = len(sheet.vertices)
+    ahead = t + sliver
+    candidates = np.zeros(count, np.uint8)
+    kernels.mark_last(
+        sheet.vertices, sheet.inward, ahead, grid.origin, grid.spacing, np.array(grid.shape),
+        grid.state, grid.distance, grid.gradient, sheet.depth, 0, count, candidates,
+    )  # fmt: skip
+    chosen = np.flatnonzero(candidates)
+    feet = sheet.vertices - sheet.depth * sheet.inward
+    room, kind = _measure(field, brr, feet[chosen], sheet.inward[chosen], sheet.depth + ahead)
+    rooms, opposed = np.full(count, np.inf), np.zeros(count, bool)
+    rooms[chosen] = room
+    opposed[chosen] = kind == kernels.OPPOSED
+    return Front(
+        level, sheet.vertices, sheet.faces, feet, sheet.inward, rooms, opposed, np.isfinite(rooms)
+    )
+
+
+def thin_walls(
+    part: Part, grid: Grid, field: DistanceField, brr: DistanceField | None, limit: float
+) -> Front:
+    """Find the parts of S behind which the part is thin, as finely as the grid.
+
+    Args:
+        part: The part.
+        grid: Distances at the nodes.
+        field: Distances to S.
+        brr: Distances to the restraint region, or None.
+        limit: Half the thickness of a thin wall [mm].
+
+    Returns:
+        Those faces of S with the room behind them.
+    """
+    surface = part.faces[~part.restrained]
+    normals = part.face_normals[~part.restrained]
+    owner, points = _samples(part.vertices[surface], 2 * limit)
+    inward = -normals[owner]
+    candidates = np.zeros(len(points), np.uint8)
+    kernels.mark_last(
+        points, inward, limit, grid.origin, grid.spacing, np.array(grid.shape), grid.state,
+        grid.distance, grid.gradient, 0.0, 0, len(points), candidates,
+    )  # fmt: skip
+    chosen = np.flatnonzero(candidates)
+    room, _ = _measure(field, brr, points[chosen], inward[chosen], limit)
+    thin = np.unique(owner[chosen[np.isfinite(room)]])
+    used, faces = np.unique(surface[thin], return_inverse=True)
+    vertices, faces = split_long_edges(
+        part.vertices[used], faces.reshape(-1, 3), max(1.2 * limit, grid.spacing)
+    )
+    corners = vertices[faces]
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    inward = np.zeros_like(vertices)
+    for corner in range(3):
+        np.add.at(inward, faces[:, corner], -cross)
+    length = np.linalg.norm(inward, axis=1, keepdims=True)
+    inward /= np.where(length > 0, length, 1.0)
+    room, kind = _measure(field, brr, vertices, inward, limit)
+    measured = np.isfinite(room)
+    front = Front(-1, vertices, faces, vertices, inward, room, kind == kernels.OPPOSED, measured)
+    return _grown(front, field)
+
+
+def _grown(front: Front, field: DistanceField) -> Front:
+    """Carry the room of a thin wall on towards the wall's ends.
+
+    Near an end the end itself is nearer than the other side, so nothing was measured;
+    yet the wall is filled up to there.
+    """
+    room = front.room.copy()
+    sources = np.isfinite(room)
+    for _ in range(16):
+        ends = np.isfinite(room[front.faces])
+        rows = np.flatnonzero((sources[front.faces] & ends).any(1) & ~ends.all(1))
+        if len(rows) == 0:
+            break
+        mean = np.where(ends[rows], room[front.faces[rows]], 0).sum(1) / ends[rows].sum(1)
+        total, count = np.zeros(len(room)), np.zeros(len(room))
+        for corner in range(3):
+            fresh = ~ends[rows, corner]
+            np.add.at(total, front.faces[rows[fresh], corner], mean[fresh])
+            np.add.at(count, front.faces[rows[fresh], corner], 1)
+        new = np.flatnonzero(count)
+        room[new] = total[new] / count[new]
+        points = front.feet[new] + room[new, None] * front.inward[new]
+        sources = np.zeros(len(room), bool)
+        sources[new] = field.distances(points) > END_RATIO * room[new]
+    return replace(front, room=room)
+
+
+def _samples(corners: Floats, spacing: float) -> tuple[Ints, Floats]:
+    """Spread points over triangles, at least one on each, about `spacing` apart."""
+    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(1)
+    rows = np.clip(np.ceil(sides / spacing).astype(np.int64), 1, 32)
+    owners, points = [], []
+    for n in np.unique(rows):
+        mine = np.flatnonzero(rows == n)
+        i, j = np.meshgrid(np.arange(n), np.arange(n), indexing="ij")
+        u, v = (i[i + j < n] + 1 / 3) / n, (j[i + j < n] + 1 / 3) / n
+        weights = np.stack([1 - u - v, u, v], 1)
+        owners.append(np.repeat(mine, len(weights)))
+        points.append(np.einsum("wk,fkd->fwd", weights, corners[mine]).reshape(-1, 3))
+    return np.concatenate(owners), np.concatenate(points)
+
+
+def _measure(
+    field: DistanceField, brr: DistanceField | None, feet: Floats, inward: Floats, limit: float
+) -> tuple[Floats, Ints]:
+    """Run the room measurement over all rows."""
+    count = len(feet)
+    room, kind = np.full(count, np.inf), np.zeros(count, np.int64)
+    feet, inward = np.ascontiguousarray(feet), np.ascontiguousarray(inward, np.float64)
+    brr_tri = brr.tri if brr else np.zeros((0, 16))
+    brr_box = brr.box if brr else np.zeros((1, 6))
+    for first in range(0, count, _CHUNK):
+        kernels.measure_room(
+            field.tri, field.box, brr_tri, brr_box, feet, inward, limit,
+            first, min(first + _CHUNK, count), room, kind,
+        )  # fmt: skip
+    return room, kind
+
+
+def face_middles(front: Front) -> Floats:
+    """Middles of the faces [mm], shape (m, 3)."""
+    return np.asarray(front.vertices[front.faces].mean(1))
+
+
+def face_areas(front: Front) -> Floats:
+    """Areas of the faces [mm²], shape (m,)."""
+    areas = np.zeros(len(front.faces))
+    kernels.measure_areas(front.vertices, np.ascontiguousarray(front.faces, np.int64), areas)
+    return areas
+
+
+def face_gaps(front: Front, t: float) -> tuple[Floats, Bools]:
+    """Average the room behind the own band over the corners where it ends.
+
+    Returns:
+        Gap at each face [mm], infinite where it is open, and whether fronts meet there.
+    """
+    gap, meets = np.zeros(len(front.faces)), np.zeros(len(front.faces), np.bool_)
+    faces = np.ascontiguousarray(front.faces, np.int64)
+    kernels.average_rooms(faces, front.room, front.opposed, (front.level + 1) * t, gap, meets)
+    return gap, meets
+
+
+def spread_room(front: Front) -> Floats:
+    """Carry the room over to the corners that faces share with measured ones."""
+    room = front.room[front.faces]
+    ends = np.isfinite(room)
+    mean = np.where(ends, room, 0).sum(1) / np.maximum(ends.sum(1), 1)
+    total, count = np.zeros(len(front.vertices)), np.zeros(len(front.vertices))
+    for corner in range(3):
+        open_corner = ends.any(1) & ~ends[:, corner]
+        np.add.at(total, front.faces[open_corner, corner], mean[open_corner])
+        np.add.at(count, front.faces[open_corner, corner], 1)
+    carried = np.where(count > 0, total / np.maximum(count, 1), np.inf)
+    return np.where(np.isfinite(front.room), front.room, carried)
+
+
+def face_inward(front: Front) -> Floats:
+    """Mean unit direction inwards at the faces, shape (m, 3)."""
+    mean = front.inward[front.faces].mean(1)
+    length = np.linalg.norm(mean, axis=1, keepdims=True)
+    return mean / np.where(length > 0, length, 1.0)

@@ -1,0 +1,326 @@
+# SPDX-License-Identifier: Apache-2.0
+# mypy: disable-error-code="no-untyped-def"
+"""Compiled placing of one vertex of a level set: on a sheet, a crease, or the rim."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from vega_planner.layers.triangle_kernels import (
+    closest,
+    foot,
+    heaviest,
+    measure,
+    nearest,
+    nearest_or_walk,
+    off_plane,
+    walk,
+)
+
+#: Cosine above which two gradients belong to one smooth sheet (21 degrees).
+SAME_SHEET = 0.93
+
+
+@njit(nogil=True, cache=True)
+def solve3(a, b, damping, x):
+    """Solve the damped normal equations a x = b for a symmetric 3 by 3 matrix."""
+    e = damping + 1e-30
+    p, q, s = a[0] + e, a[3] + e, a[5] + e
+    c0 = q * s - a[4] * a[4]
+    c1 = a[2] * a[4] - a[1] * s
+    c2 = a[1] * a[4] - a[2] * q
+    det = p * c0 + a[1] * c1 + a[2] * c2
+    x[0] = (c0 * b[0] + c1 * b[1] + c2 * b[2]) / det
+    x[1] = (c1 * b[0] + (p * s - a[2] * a[2]) * b[1] + (a[1] * a[2] - p * a[4]) * b[2]) / det
+    x[2] = (c2 * b[0] + (a[1] * a[2] - p * a[4]) * b[1] + (p * q - a[1] * a[1]) * b[2]) / det
+
+
+@njit(nogil=True, cache=True)
+def walk_sheet(tri, corner, ring_start, ring, s, x, y, z, gx, gy, gz):
+    """Walk to the local minimum, but stay on the sheet with gradient about g.
+
+    Next to a sharp edge of the part the other side may be nearer; a step there would
+    leave the sheet, and the crease between the two would be lost.
+    """
+    least, u, v = measure(tri, s, x, y, z)
+    done = -1
+    while True:
+        vertex = corner[s, heaviest(u, v)]
+        if vertex == done:
+            break
+        done = vertex
+        for j in range(ring_start[vertex], ring_start[vertex + 1]):
+            n = ring[j]
+            if n == s:
+                continue
+            off = off_plane(tri, n, x, y, z)
+            if off * off >= least:
+                continue
+            d2, a, b = measure(tri, n, x, y, z)
+            if d2 < least * (1.0 - 1e-12):
+                qx, qy, qz = foot(tri, n, a, b, x, y, z)
+                along = gx * (x - qx) + gy * (y - qy) + gz * (z - qz)
+                if along > 0.0 and along * along > 0.75 * d2:
+                    least = d2
+                    s = n
+                    u, v = a, b
+    qx, qy, qz = foot(tri, s, u, v, x, y, z)
+    return s, least, qx, qy, qz
+
+
+@njit(nogil=True, cache=True)
+def walk_wall(tri, corner, ring_start, ring, s, x, y, z):
+    """Walk to the local minimum over triangles with about the normal of the first."""
+    gx, gy, gz = tri[s, 9], tri[s, 10], tri[s, 11]
+    least, _, _ = measure(tri, s, x, y, z)
+    while True:
+        here = s
+        for c in range(3):
+            v = corner[here, c]
+            for j in range(ring_start[v], ring_start[v + 1]):
+                n = ring[j]
+                if gx * tri[n, 9] + gy * tri[n, 10] + gz * tri[n, 11] < SAME_SHEET:
+                    continue
+                d2, _, _ = measure(tri, n, x, y, z)
+                if d2 < least * (1.0 - 1e-12):
+                    least = d2
+                    s = n
+        if s == here:
+            return s
+
+
+@njit(nogil=True, cache=True)
+def place(
+    tri,
+    corner,
+    ring_start,
+    ring,
+    box,
+    brr_tri,
+    brr_corner,
+    brr_start,
+    brr_ring,
+    brr_box,
+    sheets,
+    normals,
+    limits,
+    sheet_count,
+    walls,
+    wall_count,
+    h,
+    r,
+    v,
+    stack,
+    lower,
+):
+    """Move v onto the level set, onto every sheet that meets there, and onto the rim.
+
+    Newton's method on {distance to sheet = r} for each distinct sheet, together with
+    the planes of the restraint region, which count most.
+
+    Args:
+        tri: Triangle rows of S, with `corner`, `ring_start`, `ring` and `box`.
+        brr_tri: Triangle rows of the restraint region, likewise.
+        sheets: A triangle on each sheet, moved along as v moves.
+        normals: Gradient of the distance to each sheet, about.
+        limits: Distance past r, in spacings, up to which each sheet counts.
+        sheet_count: How many of them count.
+        walls: A triangle on each plane of the restraint region.
+        wall_count: How many of them count.
+        h: Grid spacing.
+        r: Distance of the level.
+        v: The point, changed in place.
+        stack: Scratch.
+        lower: Scratch.
+
+    Returns:
+        Slot of the nearest triangle of S.
+    """
+    a = np.zeros(6)
+    b = np.zeros(3)
+    step = np.zeros(3)
+    g = np.zeros((16, 4))
+    start = (v[0], v[1], v[2])
+    hint = sheets[0]
+    converged = False
+    for attempt in range(2):
+        for _ in range(12):
+            x, y, z = v[0], v[1], v[2]
+            near = 1e300
+            rows = 0
+            for q in range(sheet_count):
+                s, d2, fx, fy, fz = walk_sheet(
+                    tri, corner, ring_start, ring, sheets[q], x, y, z,
+                    normals[q, 0], normals[q, 1], normals[q, 2],
+                )  # fmt: skip
+                sheets[q] = s
+                e = np.sqrt(d2)
+                if e < 1e-9:
+                    continue
+                nx, ny, nz = (x - fx) / e, (y - fy) / e, (z - fz) / e
+                if e < near:
+                    near = e
+                    hint = s
+                if e > r + limits[q] * h:
+                    continue
+                same = -1
+                for p in range(rows):
+                    if g[p, 0] * nx + g[p, 1] * ny + g[p, 2] * nz > SAME_SHEET:
+                        same = p
+                        break
+                if same < 0:
+                    same = rows
+                    rows += 1
+                elif g[same, 3] >= r - e:
+                    # Of two triangles on one sheet the nearer one tells its distance.
+                    continue
+                g[same, 0], g[same, 1], g[same, 2], g[same, 3] = nx, ny, nz, r - e
+            if rows == 0 or attempt == 1:
+                # Only the nearest sheet, which is there in any case.
+                hint, d2 = nearest_or_walk(
+                    tri, corner, ring_start, ring, box, x, y, z, hint, stack, lower
+                )
+                e, fx, fy, fz = closest(tri, hint, x, y, z)
+                e = max(np.sqrt(e), 1e-9)
+                rows = 1
+                g[0, 0], g[0, 1], g[0, 2], g[0, 3] = (
+                    (x - fx) / e, (y - fy) / e, (z - fz) / e, r - e,
+                )  # fmt: skip
+            worst = 0.0
+            for q in range(6):
+                a[q] = 0.0
+            for q in range(3):
+                b[q] = 0.0
+            sheet_rows = rows
+            for q in range(wall_count):
+                s = walk_wall(brr_tri, brr_corner, brr_start, brr_ring, walls[q], x, y, z)
+                walls[q] = s
+                nx, ny, nz = brr_tri[s, 9], brr_tri[s, 10], brr_tri[s, 11]
+                known = False
+                for p in range(sheet_rows, rows):
+                    if g[p, 0] * nx + g[p, 1] * ny + g[p, 2] * nz > SAME_SHEET:
+                        known = True
+                if known:
+                    continue
+                g[rows, 0], g[rows, 1], g[rows, 2] = nx, ny, nz
+                g[rows, 3] = (
+                    nx * (brr_tri[s, 0] - x) + ny * (brr_tri[s, 1] - y) + nz * (brr_tri[s, 2] - z)
+                )
+                rows += 1
+            for p in range(rows):
+                w = 1.0 if p < sheet_rows else 30.0
+                worst = max(worst, abs(g[p, 3]))
+                nx, ny, nz, f = w * g[p, 0], w * g[p, 1], w * g[p, 2], w * g[p, 3]
+                a[0] += nx * nx
+                a[1] += nx * ny
+                a[2] += nx * nz
+                a[3] += ny * ny
+                a[4] += ny * nz
+                a[5] += nz * nz
+                b[0] += nx * f
+                b[1] += ny * f
+                b[2] += nz * f
+            if worst < 1e-5:
+                converged = True
+                break
+            # Damping by the sheets' weight alone: by the walls', which is a thousandfold,
+            # it would hold back the steps towards the level.
+            solve3(a, b, 1e-3 * rows, step)
+            length = np.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2)
+            scale = 0.7 * h / length if length > 0.7 * h else 1.0
+            v[0] += scale * step[0]
+            v[1] += scale * step[1]
+            v[2] += scale * step[2]
+        moved = np.sqrt((v[0] - start[0]) ** 2 + (v[1] - start[1]) ** 2 + (v[2] - start[2]) ** 2)
+        if converged and moved < 1.6 * h:
+            break
+        if attempt == 0:
+            v[0], v[1], v[2] = start
+            converged = False
+    return hint
+
+
+@njit(nogil=True, cache=True)
+def nearest_about(tri, corner, ring_start, ring, slot, origin, h, corner_step, x, y, z, hint):
+    """Find the nearest triangle to a point by walking from those of the nodes around it.
+
+    Returns:
+        Slot and squared distance, and the nearest point.
+    """
+    best, least, fx, fy, fz = walk(tri, corner, ring_start, ring, hint, x, y, z)
+    cell = 0
+    for axis in range(3):
+        w = x if axis == 0 else (y if axis == 1 else z)
+        cell += int((w - origin[axis]) / h) * corner_step[1 << axis]
+    if cell < 0 or cell + corner_step[7] >= len(slot):
+        return best, least, fx, fy, fz
+    for c in range(8):
+        s = slot[cell + corner_step[c]]
+        if s < 0 or s in (hint, best):
+            continue
+        again = False
+        for e in range(c):
+            if slot[cell + corner_step[e]] == s:
+                again = True
+        if again:
+            continue
+        s, d2, qx, qy, qz = walk(tri, corner, ring_start, ring, s, x, y, z)
+        if d2 < least:
+            best, least = s, d2
+            fx, fy, fz = qx, qy, qz
+    return best, least, fx, fy, fz
+
+
+@njit(nogil=True, cache=True)
+def settle_about(tri, corner, ring_start, ring, r, slot, origin, h, corner_step, hint, v):
+    """Put a vertex at its depth from the nearest of all sheets about it."""
+    s = hint
+    for _ in range(3):
+        s, d2, fx, fy, fz = nearest_about(
+            tri, corner, ring_start, ring, slot, origin, h, corner_step, v[0], v[1], v[2], s
+        )
+        e = np.sqrt(d2)
+        if abs(e - r) < 2e-3 or e < 1e-9:
+            break
+        v[0] = fx + (v[0] - fx) * r / e
+        v[1] = fy + (v[1] - fy) * r / e
+        v[2] = fz + (v[2] - fz) * r / e
+    return s
+
+
+@njit(nogil=True, cache=True)
+def settle_rim(
+    tri, corner, ring_start, ring, box, brr_tri, brr_box, h, r, hint, v, stack, lower
+):  # fmt: skip
+    """Slide a rim vertex along the region until it is at its depth."""
+    s = hint
+    x, y, z = v[0], v[1], v[2]
+    least = 1e300
+    bound = h * h
+    for _ in range(8):
+        q, _ = nearest(brr_tri, brr_box, x, y, z, -1, bound, stack, lower)
+        if q < 0:
+            break
+        _, x, y, z = closest(brr_tri, q, x, y, z)
+        if least > 1e299:
+            s, _ = nearest_or_walk(tri, corner, ring_start, ring, box, x, y, z, s, stack, lower)
+        k, d2, fx, fy, fz = walk(tri, corner, ring_start, ring, s, x, y, z)
+        e = np.sqrt(d2)
+        if abs(e - r) < least:
+            least = abs(e - r)
+            s = k
+            v[0], v[1], v[2] = x, y, z
+        if abs(e - r) < 2e-3:
+            break
+        # Newton's step on the plane of the region, damped where that runs along the level.
+        gx, gy, gz = -tri[k, 9], -tri[k, 10], -tri[k, 11]
+        if e > 1e-9:
+            gx, gy, gz = (x - fx) / e, (y - fy) / e, (z - fz) / e
+        nx, ny, nz = brr_tri[q, 9], brr_tri[q, 10], brr_tri[q, 11]
+        along = gx * nx + gy * ny + gz * nz
+        gx, gy, gz = gx - along * nx, gy - along * ny, gz - along * nz
+        f = (r - e) / (gx * gx + gy * gy + gz * gz + 1e-2)
+        x, y, z = x + f * gx, y + f * gy, z + f * gz
+        bound = max(0.25 * h * h, 4.0 * (r - e) * (r - e))
+    return s
