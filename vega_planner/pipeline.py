@@ -199,7 +199,7 @@ class PrintPlan:
             *self.stack.warnings,
             *self.toolpaths.warnings,
             *self.trajectory.warnings,
-            *self.robot_body.warnings,
+            *self.robot_body.unread,
         )
 
     @property

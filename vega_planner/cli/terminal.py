@@ -64,7 +64,7 @@ def summary_lines(summary: dict[str, Any], folder: str) -> list[str]:
         (
             "printable",
             f"{print_state['status']}, {print_state['split_layers']} layers split, "
-            f"{summary['collisions'].get('colliding', 0)} colliding waypoints",
+            f"{summary['collisions']['colliding_waypoints']} colliding waypoints",
         ),
         (
             "path",
@@ -79,10 +79,10 @@ def summary_lines(summary: dict[str, Any], folder: str) -> list[str]:
         ),
         ("computed in", f"{summary['total_s']:.2f} s, {summary['peak_memory_mb']:.0f} MB"),
     ]
+    label = "mind" if print_state["status"] == "fully" else "why not"
     for reason in print_state["reasons"][:5]:
-        rows.append(
-            ("why not", f"{reason['code']}: {reason['area_mm2']:.0f} mm²; {reason['remedy']}")
-        )
+        area = f"{reason['area_mm2']:.0f} mm²; " if reason["area_mm2"] else ""
+        rows.append((label, f"{reason['code']}: {area}{reason['remedy']}"))
     rows.extend(("note", text) for text in summary["warnings"][:6])
     rows.append(("results", folder))
     return [f"{name:>12}  {text}" for name, text in rows]

@@ -81,11 +81,6 @@ class BodyCheck:
     hits: tuple[BodyHit, ...] = ()
     unread: tuple[str, ...] = ()
 
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """What a person should know, a line each."""
-        return (*(told(hit) for hit in self.hits), *self.unread)
-
 
 @dataclass(eq=False)
 class _Body:
@@ -157,7 +152,7 @@ def with_body(report: PrintabilityReport, check: BodyCheck) -> PrintabilityRepor
     """Take touching links into the report's reasons.
 
     The status stays: it tells of nozzle and dispenser. A link that touches is a matter of
-    where the part stands and how far the nozzle tilts, and is told with a warning.
+    where the part stands and how far the nozzle tilts, and is told beside it.
     """
     reasons = tuple(
         Reason("robot_body", -1, 0.0, hit.where_mm, f"{told(hit)}: {_REMEDY}")

@@ -37,7 +37,7 @@ def plan_page(plan: PrintPlan) -> bytes:
     sections = [
         row(_pictures(plan)),
         "<h2>Figures</h2>" + table((), _figures(summary)),
-        "<h2>Printability</h2>" + _printability(summary["printability"]),
+        "<h2>Printability</h2>" + _printability(summary["printability"], summary["collisions"]),
     ]
     if plan.warnings:
         sections.append("<h2>Warnings</h2>" + bullets(plan.warnings))
@@ -174,7 +174,7 @@ def _figures(summary: dict[str, Any]) -> list[tuple[str, str]]:
     return figures
 
 
-def _printability(report: dict[str, Any]) -> str:
+def _printability(report: dict[str, Any], collisions: dict[str, Any]) -> str:
     kind, words = _STATUS.get(report["status"], ("bad", report["status"]))
     parts = [
         f'<p><span class="badge {kind}">{text(words)}</span></p>',
@@ -185,6 +185,7 @@ def _printability(report: dict[str, Any]) -> str:
                 ("Accessible", f"{100 * report['accessible_ratio']:.2f} %"),
                 ("Free of collisions", f"{100 * report['collision_free_ratio']:.2f} %"),
                 ("Layers split", report["split_layers"]),
+                ("Colliding waypoints", collisions["colliding_waypoints"]),
             ],
         ),
     ]
@@ -199,5 +200,6 @@ def _printability(report: dict[str, Any]) -> str:
             )
             for reason in report["reasons"]
         ]
-        parts.append(table(("Why not", "layer", "area [mm²]", "where [mm]", "what helps"), rows))
+        head = ("What to mind", "layer", "area [mm²]", "where [mm]", "what helps")
+        parts.append(table(head, rows))
     return "".join(parts)
