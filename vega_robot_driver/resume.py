@@ -28,9 +28,13 @@ class _Solutions(Protocol):
 class Kinematics(Protocol):
     """What an approach asks of a robot: `vega_planner.robot.robot.Robot` has it."""
 
-    def forward(self, q: Floats) -> tuple[Floats, Floats]: ...  # noqa: D102
+    def forward(self, q: Floats) -> tuple[Floats, Floats]:
+        """Tips [m] and axes of joint configurations, shapes (n, 3), from q of shape (n, j)."""
+        ...
 
-    def solve(self, points: Floats, axes: Floats) -> _Solutions: ...  # noqa: D102
+    def solve(self, points: Floats, axes: Floats) -> _Solutions:
+        """Configurations whose tip and axis are those given [m], shapes (n, 3)."""
+        ...
 
 
 def approach(robot: Kinematics, here: Floats, goal: Floats, top_m: float) -> Floats:

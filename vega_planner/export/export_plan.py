@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 from vega_planner.errors import InvalidInput
@@ -68,6 +67,6 @@ def _write_whole(path: Path, text: str) -> None:
     draft = path.with_name(f".{path.name}.part")
     try:
         draft.write_text(text, encoding="utf-8")
-        os.replace(draft, path)  # noqa: PTH105
+        draft.replace(path)
     finally:
         draft.unlink(missing_ok=True)

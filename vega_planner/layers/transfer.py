@@ -11,6 +11,8 @@ surface by surface, and each separate body of D gets its own choice.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from vega_planner.datatypes import Bools, Floats, Ints, TriangleGeometry
@@ -130,7 +132,7 @@ def _hand_on(
     before: _Surface,
     surface: Ints,
     after: _Surface,
-    tree: object,
+    tree: Any,
     bodies: Ints,
     edge_angle_deg: float,
 ) -> Bools:
@@ -139,7 +141,7 @@ def _hand_on(
     centroids = before.centroids[surface]
     median = spherical_median(normals, before.face_areas[surface])
     count = min(NEIGHBOURS, len(after.faces))
-    _, near = tree.query(centroids, k=count)  # type: ignore[attr-defined]
+    _, near = tree.query(centroids, k=count)
     candidates = np.unique(near)
     alike = after.face_normals @ median
     candidates = candidates[alike[candidates] >= np.cos(np.radians(edge_angle_deg))]

@@ -5,6 +5,8 @@ far the surface is.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from vega_planner.datatypes import Floats, Ints
@@ -102,7 +104,7 @@ class TriangleTree:
         return np.sqrt(self._by_chunks(answer, points))
 
     @staticmethod
-    def _by_chunks(answer, points: Floats) -> Floats:  # type: ignore[no-untyped-def]
+    def _by_chunks(answer: Callable[[Floats], Floats], points: Floats) -> Floats:
         points = np.ascontiguousarray(points, dtype=np.float64)
         chunks = [points[i : i + CHUNK] for i in range(0, len(points), CHUNK)]
         return np.concatenate(map_threads(answer, chunks)) if chunks else np.zeros(0)

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
@@ -72,7 +72,14 @@ def _top(values: Floats, weights: Floats) -> float:
     return max(float(values[order[at]]) * 1.05, 1e-3)
 
 
-def _violin(values: Floats, weights: Floats, top: float, centre: float, y, colour: str) -> str:  # type: ignore[no-untyped-def]
+def _violin(
+    values: Floats,
+    weights: Floats,
+    top: float,
+    centre: float,
+    y: Callable[[float], float],
+    colour: str,
+) -> str:
     edges = np.linspace(0, top, _BINS + 1)
     shares, _ = np.histogram(values, edges, weights=weights)
     smooth = np.convolve(np.pad(shares, 2, "reflect"), [0.1, 0.2, 0.4, 0.2, 0.1], "valid")

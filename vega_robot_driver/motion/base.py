@@ -140,8 +140,12 @@ class MotionController(ABC):
         return False
 
     def home_cycles(self, cycles: int) -> Feedback:
-        """Go on homing for some cycles."""
-        raise NotImplementedError
+        """Go on homing for some cycles.
+
+        Raises:
+            InvalidInput: If the axes have nothing to find.
+        """
+        raise InvalidInput("these axes know where they are; there is nothing to home")
 
     @property
     def clock_correction(self) -> float:
