@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,9 +17,6 @@ from vega_planner.printability.material import Material
 from vega_planner.printability.orientation import raise_until_clear, smoothed, tilt_of
 from vega_planner.printability.tool_shape import ToolShape
 from vega_planner.progress import Progress, Report
-
-if TYPE_CHECKING:
-    pass
 
 #: Share of a patch without anything under it that is told.
 FLOATING_SHARE = 0.05

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,9 +12,6 @@ from vega_planner.ordering.task import Graph, OrderTask
 from vega_planner.printability.orientation import tilt_of, tilted
 from vega_planner.progress import Progress, Report
 from vega_planner.splitting.bands import bands
-
-if TYPE_CHECKING:
-    pass
 
 #: Largest tilts tried for patches that wait for each other [deg].
 TILTS_DEG = (45.0, 20.0)

@@ -26,12 +26,19 @@ from vega_planner.datatypes import (
 )
 from vega_planner.parallel import map_threads
 from vega_planner.part.surface_kernels import components
-from vega_planner.printability.islands import neighbours_of, without_islands
 from vega_planner.printability.line_of_sight import Occluder
 from vega_planner.printability.material import EMPTY, DistanceField, Material, mesh_field
 from vega_planner.printability.orientation import orient, tilt_of
-from vega_planner.printability.reasons import reasons_of
-from vega_planner.printability.remedies import Access
+from vega_planner.printability.report import summarised
+from vega_planner.printability.sides import (
+    INSIDE,
+    NEITHER,
+    SheetAssessment,
+    Side,
+    face_labels,
+    with_hope,
+    without_noise,
+)
 from vega_planner.printability.tool_shape import ToolShape
 from vega_planner.progress import Progress, Report
 from vega_planner.settings import PrintabilitySettings
@@ -39,14 +46,9 @@ from vega_planner.settings import PrintabilitySettings
 if TYPE_CHECKING:
     from vega_planner.robot.workcell import Workcell
 
-OUTSIDE, INSIDE, NEITHER = 1, -1, 0
-
 #: Against its own layer the tool counts from here on [mm]: nearer the tip the layer is
 #: what the tool stands on.
 OWN_LAYER_MM = 6.0
-
-#: Regions smaller than this many squared layer thicknesses are noise of the labels.
-ISLAND = 9.0
 
 #: Bead width over layer thickness, where only the layer is known; the paper's.
 WIDTH_RATIO = 1.5
@@ -69,56 +71,7 @@ WALL_DEG, OFF_PLANE_DEG = 60.0, 25.0
 #: Sheets judged between two reports of progress.
 AT_ONCE = 8
 
-#: Area that may be printed from inside and the layers still count as printed as they are.
-SLIVER_RATIO = 1e-4
-
-#: Area that may be lost to slivers and still count as printable.
-NEGLIGIBLE_RATIO = 2e-3
-
 _CODE = {name: 1 + index for index, name in enumerate(REASON_CODES)}
-
-
-@dataclass(frozen=True, eq=False)
-class Side:
-    """One side of a sheet as the nozzle sees it.
-
-    Attributes:
-        axes: Unit tool axes at the vertices, shape (n, 3).
-        code: 0 where printable from this side, else 1 + index into `REASON_CODES`, (n,).
-        reachable: True where the robot gets there (f1), shape (n,).
-        seen: True where the line along the tool meets nothing of the layer (f2), (n,).
-        clear: True where the solid tool is clear (f2s), shape (n,).
-        hopeful: True where only the lean stands against printing, on a wall whose beads
-            stand on each other; or only material that need not be there yet, if it is
-            printed from the bottom up. The check of every waypoint decides. Shape (n,).
-    """
-
-    axes: Floats
-    code: Ints
-    reachable: Bools
-    seen: Bools
-    clear: Bools
-    hopeful: Bools
-
-    @property
-    def printable(self) -> Bools:
-        """True for the vertices that can be printed from this side, shape (n,)."""
-        return self.code == 0
-
-
-@dataclass(frozen=True, eq=False)
-class SheetAssessment:
-    """Judgement of one sheet.
-
-    Attributes:
-        outside: The side the normals point to.
-        inside: The other side; None where the outer one serves everywhere.
-        side: Side each face is printed from: 1 outside, -1 inside, 0 neither, shape (m,).
-    """
-
-    outside: Side
-    inside: Side | None
-    side: Ints
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,16 +199,16 @@ def assess_printability(
         else:
             # outer layers laid from inside stand there before the outer side of this one
             side_out = judge(number, bowl, _covered(layer, held, bowl, surroundings))
-        label, inner = _face_labels(layer, side_out, None, held), None
+        label, inner = face_labels(layer, side_out, None, held), None
         if (label == NEITHER).any() or held.any():
             fields = [(surroundings, tool, "substrate"), (bowl, tool, "printed_part")]
             unused = np.where(side_out.printable & ~held, _CODE["own_layer"], 0)
             inner = judge_side(
                 layer, -layer.vertex_normals, fields, cell, settings, unused, False, width_mm
             )
-            label = _face_labels(layer, side_out, inner, held)
-        side_out, label = _with_hope(layer, side_out, label, flat)
-        label = _without_noise(layer, label)
+            label = face_labels(layer, side_out, inner, held)
+        side_out, label = with_hope(layer, side_out, label, flat)
+        label = without_noise(layer, label)
         laid[material.first[number] : material.first[number + 1]] = label == INSIDE
         judged.append(SheetAssessment(side_out, inner, label))
         report(Progress("printability", 0.7 + 0.3 * (number + 1) / len(sheets)))
@@ -271,7 +224,7 @@ def assess_printability(
                 gap = np.minimum(gap, field.clearance(shape, tips, axes, mm, mm))
         return gap
 
-    summary = _summarise(stack, judged, cell, settings, held_there)
+    summary = summarised(stack, judged, cell, settings, held_there)
     return Assessment(summary, sheets, tuple(judged), surroundings, material, width_mm)
 
 
@@ -423,104 +376,3 @@ def _held_from_below(
         | (bowl.distance(under) < 0.25 * thickness)
     )
     return held
-
-
-def _face_labels(layer: Layer, outside: Side, inside: Side | None, held: Bools) -> Ints:
-    """Choose the side each face is printed from, by the majority of its corners.
-
-    What faces down and lies on something is printed from inside, as a bowl is, where that
-    can be done; all else from outside where that can be done.
-    """
-    faces = layer.faces
-    out = outside.printable[faces].sum(1) >= 2
-    label = np.where(out, OUTSIDE, NEITHER)
-    if inside is not None:
-        within = inside.printable[faces].sum(1) >= 2
-        label[within & (~out | (held[faces].sum(1) >= 2))] = INSIDE
-    return label
-
-
-def _with_hope(layer: Layer, outside: Side, label: Ints, flat: bool) -> tuple[Side, Ints]:
-    """Print from outside what is only hopeful, where there is no other way.
-
-    On a flat base nothing has to be printed from inside: there, all of it.
-    """
-    wanted = label != OUTSIDE if flat else label == NEITHER
-    if not outside.hopeful.any() or not wanted.any():
-        return outside, label
-    good = outside.printable | outside.hopeful
-    more = wanted & (good[layer.faces].sum(1) >= 2)
-    if not more.any():
-        return outside, label
-    used = np.zeros(len(good), np.bool_)
-    used[layer.faces[more].ravel()] = True
-    code = np.where(used & outside.hopeful, 0, outside.code)
-    return replace(outside, code=code), np.where(more, OUTSIDE, label)
-
-
-def _without_noise(layer: Layer, label: Ints) -> Ints:
-    """Give regions too small for a few beads the side of what surrounds them."""
-    if (label == label[0]).all():
-        return label
-    island = ISLAND * float(np.median(layer.thickness)) ** 2
-    return without_islands(neighbours_of(layer), layer.face_areas, label, island)
-
-
-def _summarise(
-    stack: LayerStack,
-    judged: list[SheetAssessment],
-    cell: Workcell,
-    settings: PrintabilitySettings,
-    held: Access,
-) -> PrintabilityReport:
-    total = reach = access = clear = printable = 0.0
-    split = 0
-    codes = []
-    for layer, sheet in zip(stack.sheets, judged):
-        area, faces = layer.face_areas, layer.faces
-        total += layer.area
-        sides = [sheet.outside] + ([sheet.inside] if sheet.inside is not None else [])
-        reach += _area_where(area, faces, np.any([s.reachable for s in sides], axis=0))
-        access += _area_where(area, faces, sheet.outside.seen | _used(layer, sheet, INSIDE))
-        clear += _area_where(area, faces, np.any([s.clear for s in sides], axis=0))
-        printable += float(area[sheet.side != NEITHER].sum())
-        if layer.kind != "core":
-            split += len(np.unique(sheet.side[sheet.side != NEITHER])) > 1
-        code = np.zeros(len(faces), np.int64)
-        bad = np.flatnonzero(sheet.side == NEITHER)
-        code[bad] = sheet.outside.code[faces[bad]].max(1)
-        codes.append(code)
-    total = max(total, 1e-300)
-    # what fills the core has no outer side and is printed from wherever it can be
-    turned = sum(
-        float(layer.face_areas[sheet.side != OUTSIDE].sum())
-        for layer, sheet in zip(stack.sheets, judged)
-        if layer.kind != "core"
-    )
-    whole = turned <= SLIVER_RATIO * total
-    status = "fully" if whole else "conditionally"
-    if printable < (1 - NEGLIGIBLE_RATIO) * total:
-        status = "not"
-    return PrintabilityReport(
-        status=status,
-        reachable_ratio=reach / total,
-        accessible_ratio=access / total,
-        collision_free_ratio=clear / total,
-        split_layers=split,
-        reasons=reasons_of(stack, codes, judged, cell, settings, held),
-        face_reasons=tuple(codes),
-        unprintable_ratio=max(0.0, 1.0 - printable / total),
-    )
-
-
-def _used(layer: Layer, sheet: SheetAssessment, side: int) -> Bools:
-    """Mark the vertices of the faces that are printed from a side."""
-    mark = np.zeros(len(layer.vertices), np.bool_)
-    mark[layer.faces[sheet.side == side].ravel()] = True
-    return mark
-
-
-def _area_where(areas: Floats, faces: Ints, good: Bools) -> float:
-    if good.all():
-        return float(areas.sum())
-    return float((areas * good[faces].mean(1)).sum())

@@ -5,13 +5,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from vega_planner.datatypes import REASON_CODES, Ints, LayerStack, Reason
 from vega_planner.printability.remedies import Access, remedy_of
+from vega_planner.printability.sides import SheetAssessment
 from vega_planner.settings import PrintabilitySettings
+
+if TYPE_CHECKING:
+    from vega_planner.robot.workcell import Workcell
 
 #: Areas below this [mm²] are slivers and not worth a reason.
 LEAST_AREA_MM2 = 1.0
@@ -20,8 +24,8 @@ LEAST_AREA_MM2 = 1.0
 def reasons_of(
     stack: LayerStack,
     codes: list[Ints],
-    judged: Sequence[Any],
-    cell: Any,
+    judged: Sequence[SheetAssessment],
+    cell: Workcell,
     settings: PrintabilitySettings,
     access: Access,
 ) -> tuple[Reason, ...]:

@@ -5,12 +5,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from vega_planner.datatypes import REASON_CODES, Floats, Ints, LayerStack
 from vega_planner.printability.orientation import tilt_of, tilted
+from vega_planner.printability.sides import SheetAssessment
 from vega_planner.printability.tool_shape import ToolShape
 from vega_planner.settings import PrintabilitySettings
 
@@ -184,7 +185,7 @@ def remedy_of(
     code: int,
     sheets: Sequence[tuple[int, Ints]],
     stack: LayerStack,
-    judged: Sequence[Any],
+    judged: Sequence[SheetAssessment],
     access: Access,
     cell: Workcell,
     settings: PrintabilitySettings,

@@ -12,14 +12,9 @@ import numpy as np
 from vega_planner.datatypes import Floats, Ints, Layer, LayerStack, Patch, TriangleGeometry
 from vega_planner.parallel import map_threads
 from vega_planner.part.surface_kernels import components
-from vega_planner.printability.assessment import (
-    INSIDE,
-    NEITHER,
-    OUTSIDE,
-    Assessment,
-    SheetAssessment,
-)
+from vega_planner.printability.assessment import Assessment
 from vega_planner.printability.islands import neighbours_of
+from vega_planner.printability.sides import INSIDE, NEITHER, OUTSIDE, SheetAssessment
 from vega_planner.progress import Progress, Report
 from vega_planner.settings import PrintabilitySettings
 from vega_planner.splitting.border import separating_field
