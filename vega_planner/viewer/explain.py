@@ -21,7 +21,7 @@ MEANINGS = {
     "printed_part": "the nozzle would touch what is printed before",
     "plate": "the nozzle would touch the build plate",
     "substrate": "the nozzle would touch the substrate",
-    "robot_body": "the robot would touch itself or the part",
+    "robot_body": "a link of the robot would touch plate, substrate or print",
     "no_support": "nothing is below that could carry it",
 }
 
