@@ -11,7 +11,14 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from vega_planner.layers.triangle_kernels import closest, measure, nearest, off_plane, walk
+from vega_planner.layers.triangle_kernels import (
+    SAME_BASIN,
+    closest,
+    measure,
+    nearest,
+    off_plane,
+    walk,
+)
 
 #: States of a node.
 NONE, RING, INSIDE = 0, 1, 2
@@ -24,9 +31,6 @@ UNKNOWN = np.float32(1e30)
 
 #: Whether a node waits to be swept, has been, or has its exact triangle from the start.
 DONE, FRESH, STALE = 0, 1, 2
-
-#: Cosine between two gradients above which neighbours see one smooth sheet (8 degrees).
-SAME_BASIN = 0.99
 
 #: Half the width of the narrowest level sets that are looked for between nodes [mm].
 HIDDEN_MM = 0.02
@@ -300,11 +304,15 @@ def sweep(
                         + known[n, 2] * move[q, 1]
                         + known[n, 3] * move[q, 2]
                     )
-                    if may - slack < known[m, 0] and (
-                        known[n, 1] * known[m, 1]
-                        + known[n, 2] * known[m, 2]
-                        + known[n, 3] * known[m, 3]
-                    ) <= SAME_BASIN:
+                    if (
+                        may - slack < known[m, 0]
+                        and (
+                            known[n, 1] * known[m, 1]
+                            + known[n, 2] * known[m, 2]
+                            + known[n, 3] * known[m, 3]
+                        )
+                        <= SAME_BASIN
+                    ):
                         fresh[m] = FRESH
     return changed
 

@@ -17,6 +17,10 @@ from numba import njit
 
 LEAF = 4
 
+#: Cosine between the ways to the nearest points of two places next to each other above
+#: which walking from either ends at one triangle (8 degrees): they see one smooth sheet.
+SAME_BASIN = 0.99
+
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def measure(tri, s, x, y, z):
