@@ -145,7 +145,7 @@ def carry_rooms(faces, room, carried):
             if room[faces[f, c]] < 1e300:
                 mean += room[faces[f, c]]
                 ends += 1
-        if ends == 0 or ends == 3:  # noqa: PLR1714
+        if ends == 0 or ends == 3:
             continue
         for c in range(3):
             v = faces[f, c]

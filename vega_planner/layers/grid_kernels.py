@@ -16,7 +16,6 @@ from vega_planner.layers.triangle_kernels import (
     closest,
     measure,
     nearest,
-    off_plane,
     walk,
 )
 
@@ -253,8 +252,8 @@ def sweep(
                         side = q
                 if side < 0:
                     continue
-                current = slot[n]
-                best = slot[np.uint64(np.int64(n) + step[side])]
+                current = np.int64(slot[n])
+                best = np.int64(slot[np.uint64(np.int64(n) + step[side])])
                 now = current
                 reach = np.float64(known[n, 0])
                 if best != current and nearest_foot < reach * reach:
@@ -273,8 +272,8 @@ def sweep(
                         + known[n, 3] * known[m, 3]
                     ) > SAME_BASIN:
                         continue
-                    s = slot[m]
-                    if s == now or s == best or s == current:  # noqa: PLR1714
+                    s = np.int64(slot[m])
+                    if s in (now, best, current):
                         continue
                     again = False
                     for p in range(count):
