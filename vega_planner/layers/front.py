@@ -18,6 +18,9 @@ from vega_planner.layers.subdivide import split_long_edges
 #: their round ends leave open and what bulges out.
 END_RATIO = 0.75
 
+#: Rows of points along a triangle at most.
+MOST_ROWS = 32
+
 _CHUNK = 4096
 
 
@@ -147,16 +150,28 @@ def _grown(front: Front, field: DistanceField) -> Front:
 
 def _samples(corners: Floats, spacing: float) -> tuple[Ints, Floats]:
     """Spread points over triangles, at least one on each, about `spacing` apart."""
-    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(1)
-    rows = np.clip(np.ceil(sides / spacing).astype(np.int64), 1, 32)
+    sides = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
+    longest = np.argmax(sides, axis=1)
+    turned = np.take_along_axis(corners, ((longest[:, None] + np.arange(3)) % 3)[:, :, None], 1)
+    width = sides[np.arange(len(sides)), longest]
+    cross = np.cross(turned[:, 1] - turned[:, 0], turned[:, 2] - turned[:, 0])
+    height = np.linalg.norm(cross, axis=1) / np.maximum(width, 1e-12)
+    # Long thin triangles get a row of points, not a square of them.
+    along = np.clip(np.ceil(width / spacing).astype(np.int64), 1, MOST_ROWS)
+    across = np.clip(np.ceil(height / spacing).astype(np.int64), 1, MOST_ROWS)
+    kind = along * (MOST_ROWS + 1) + across
     owners, points = [], []
-    for n in np.unique(rows):
-        mine = np.flatnonzero(rows == n)
-        i, j = np.meshgrid(np.arange(n), np.arange(n), indexing="ij")
-        u, v = (i[i + j < n] + 1 / 3) / n, (j[i + j < n] + 1 / 3) / n
-        weights = np.stack([1 - u - v, u, v], 1)
+    for n in np.unique(kind):
+        mine = np.flatnonzero(kind == n)
+        rows = []
+        for j in range(n % (MOST_ROWS + 1)):
+            v = (j + 1 / 3) / (n % (MOST_ROWS + 1))
+            count = int(np.ceil(n // (MOST_ROWS + 1) * (1 - v)))
+            u = (np.arange(count) + 0.5) / count * (1 - v)
+            rows.append(np.column_stack([1 - u - v, u, np.full(count, v)]))
+        weights = np.concatenate(rows)
         owners.append(np.repeat(mine, len(weights)))
-        points.append(np.einsum("wk,fkd->fwd", weights, corners[mine]).reshape(-1, 3))
+        points.append(np.einsum("wk,fkd->fwd", weights, turned[mine]).reshape(-1, 3))
     return np.concatenate(owners), np.concatenate(points)
 
 
