@@ -11,6 +11,7 @@ import numpy as np
 import trimesh
 
 from vega_planner.datatypes import Part
+from vega_planner.part.load import load_part
 
 Solid = manifold3d.Manifold
 
@@ -221,7 +222,7 @@ PARTS: dict[str, Callable[[], Part]] = {
 
 
 def mesh_parts(folder: Path) -> dict[str, Callable[[], Part]]:
-    """Name the watertight meshes of a folder, 50 mm long, cut flat where they stand."""
+    """Name the meshes of a folder, 50 mm long."""
     makers: dict[str, Callable[[], Part]] = {}
     for path in sorted(folder.iterdir()):
         if path.suffix.lower() in (".stl", ".obj", ".ply"):
@@ -230,7 +231,10 @@ def mesh_parts(folder: Path) -> dict[str, Callable[[], Part]]:
 
 
 def mesh_part(path: Path) -> Part:
-    """Load a mesh, scale it to 50 mm, cut off the lowest tenth and restrain the cut."""
+    """Load a mesh, scale it to 50 mm, cut off the lowest tenth and restrain the cut.
+
+    A mesh that is no solid is repaired as `vega plan` does, and stands as that says.
+    """
     loaded = trimesh.load(path, force="mesh")
     loaded = trimesh.Trimesh(loaded.vertices, loaded.faces, process=True)
     loaded.merge_vertices(merge_tex=True, merge_norm=True)
@@ -240,10 +244,8 @@ def mesh_part(path: Path) -> Part:
         np.array(vertices, order="C"), np.array(loaded.faces, np.uint64, order="C")
     )
     solid = Solid(mesh)
-    if solid.status() != manifold3d.Error.NoError:
-        raise SystemExit(f"{path.name} is no solid: {solid.status().name}")
-    if solid.volume() < 0:
-        raise SystemExit(f"{path.name} is inside out")
+    if solid.status() != manifold3d.Error.NoError or solid.volume() < 0:
+        return load_part((vertices, np.array(loaded.faces), path.stem))
     low, high = vertices[:, 2].min(), vertices[:, 2].max()
     solid = solid.trim_by_plane((0, 0, 1), float(low + 0.1 * (high - low)))
     return make_part(path.stem, solid, base)

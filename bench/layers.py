@@ -2,6 +2,7 @@
 """Measure the layers of many parts: quality first, then seconds and memory.
 
     python bench/layers.py [--parts NAME,NAME] [--engine field] [--json FILE] [--meshes DIR]
+    python bench/layers.py --costs [--report FILE]
 
 Every figure is worked out here from the layers as they come out, with nothing of the
 engine but the public nearest-point query.
@@ -14,6 +15,9 @@ import json
 import resource
 import sys
 import time
+from concurrent.futures import ProcessPoolExecutor
+from itertools import product
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +29,7 @@ from vega_planner.layers.distance_field import DistanceField
 from vega_planner.settings import LayerSettings
 
 sys.path.insert(0, str(Path(__file__).parent))
-from layer_parts import DEPTHS, PARTS, mesh_parts
+from layer_parts import DEPTHS, PARTS, blob, mesh_parts
 
 
 def measure(part: Part, settings: LayerSettings | None = None, repeats: int = 3) -> dict[str, Any]:
@@ -232,6 +236,61 @@ def filling(stack: LayerStack, count: int = 100000) -> dict[str, float]:
     }
 
 
+#: Sizes [mm] and triangles of the cost table, about.
+SIZES = (20, 50, 100, 200)
+TRIANGLES = (1280, 20480, 81920, 1310720)
+
+
+def cost(case: tuple[int, int]) -> dict[str, Any]:
+    """Measure a bumpy part of a size and number of triangles; call it in a new process.
+
+    Returns:
+        Seconds and processor seconds, the best of three up to 100 mm, and the peak memory
+        of the process over what it had before, and in all [MB].
+    """
+    size, faces = case
+    generate_layers(PARTS["dome"](), LayerSettings())
+    part = blob(size, faces)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    took = []
+    for _ in range(3 if size <= 100 else 1):
+        start, cpu_start = time.perf_counter(), time.process_time()
+        stack = generate_layers(part, LayerSettings())
+        took.append((time.perf_counter() - start, time.process_time() - cpu_start))
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    return {
+        "size_mm": size,
+        "faces": len(part.faces),
+        "layers": len(stack.layers),
+        "layer_faces": sum(len(layer.faces) for layer in stack.layers),
+        "seconds": min(took)[0],
+        "cpu_seconds": min(cpu for _, cpu in took),
+        "before_mb": before,
+        "peak_memory_mb": peak,
+    }
+
+
+def costs() -> list[dict[str, Any]]:
+    """Measure all cases of the cost table, each in a process of its own."""
+    rows = []
+    for case in product(SIZES, TRIANGLES):
+        with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+            rows.append(pool.submit(cost, case).result())
+        print("  ".join(f"{k} {v:.4g}" for k, v in rows[-1].items()), flush=True)
+    return rows
+
+
+def markdown(rows: list[dict[str, Any]]) -> str:
+    """Lay out rows of figures as a table."""
+    names = [name for name in rows[0] if name != "warnings"]
+    lines = [" | ".join(names), " | ".join("---" for _ in names)]
+    lines += [
+        " | ".join(f"{row[n]:.4g}" if isinstance(row[n], float) else str(row[n]) for n in names)
+        for row in rows
+    ]
+    return "\n".join(f"| {line} |" for line in lines) + "\n"
+
+
 COLUMNS = (
     ("part", "s"),
     ("faces", "d"),
@@ -262,8 +321,15 @@ def main() -> None:
     parser.add_argument("--thickness", type=float, default=0.8)
     parser.add_argument("--json", default="", help="file to write the rows to")
     parser.add_argument("--meshes", default="", help="folder of meshes to measure as well")
+    parser.add_argument("--costs", action="store_true", help="print the cost table instead")
+    parser.add_argument("--report", default="", help="file to write the table to, as Markdown")
     parser.add_argument("--repeats", type=int, default=3)
     options = parser.parse_args()
+    if options.costs:
+        table = markdown(costs())
+        if options.report:
+            Path(options.report).write_text(table, encoding="utf-8")
+        return
     makers = dict(PARTS)
     if options.meshes:
         makers |= mesh_parts(Path(options.meshes))
@@ -277,6 +343,9 @@ def main() -> None:
         print("  ".join(f"{row[key]:{style}}" for key, style in COLUMNS), flush=True)
         for warning in row["warnings"]:
             print("   ", warning)
+    if options.report:
+        kept = [{name: row[name] for name, _ in COLUMNS} for row in rows]
+        Path(options.report).write_text(markdown(kept), encoding="utf-8")
     if options.json:
         Path(options.json).write_text(json.dumps(rows, indent=1), encoding="utf-8")
 
