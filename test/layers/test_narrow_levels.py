@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Thin plates about an axis get sheets without holes; sheets have no needless slivers."""
+"""Thin plates get sheets without holes; sheets have no needless slivers."""
 
 from __future__ import annotations
 
@@ -10,6 +10,14 @@ import pytest
 from vega_planner.datatypes import Layer, Part
 from vega_planner.layers import generate_layers
 from vega_planner.settings import LayerSettings
+
+TURNS = [
+    (0.0, 0.0, 0.0),
+    (45.0, 0.0, 0.0),
+    (30.0, 20.0, 10.0),
+    (35.0, 45.0, 15.0),
+    (10.0, 50.0, 70.0),
+]
 
 
 def plate(thickness: float, turns: tuple[float, float, float]) -> Part:
@@ -26,8 +34,8 @@ def first_sheet(part: Part) -> Layer:
 
 
 @pytest.mark.parametrize("thickness", [1.1, 1.2, 1.3])
-@pytest.mark.parametrize("turns", [(0.0, 0.0, 0.0), (45.0, 0.0, 0.0)])
-def test_the_level_set_of_a_thin_plate_about_an_axis_is_one_closed_surface(
+@pytest.mark.parametrize("turns", TURNS)
+def test_the_level_set_of_a_thin_plate_is_one_closed_surface(
     thickness: float, turns: tuple[float, float, float]
 ) -> None:
     layer = first_sheet(plate(thickness, turns))

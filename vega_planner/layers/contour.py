@@ -125,7 +125,7 @@ def contour_levels(
             sources.tri, *sources.rings, position, vertex_level, vertex_slot, inward, quads, count,
             r0, t, faces,
         )  # fmt: skip
-        face_kernels.count_by_level(position, vertex_level, faces, used, counts_here)
+        face_kernels.count_by_level(vertex_level, faces, used, counts_here)
         return faces, counts_here
 
     joined = map_threads(join, slabs)

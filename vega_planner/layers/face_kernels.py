@@ -165,24 +165,9 @@ def split_quads(
 
 
 @njit(nogil=True, cache=True)
-def count_by_level(position, vertex_level, faces, used, counts):
-    """Count the faces of each level, and leave out those without an area.
-
-    A face with two corners at one place gets -1 as its first corner; `used` marks the
-    vertices of the others.
-    """
+def count_by_level(vertex_level, faces, used, counts):
+    """Count the faces of each level, and mark their vertices as used."""
     for f in range(len(faces)):
-        same = False
-        for e in range(3):
-            a, b = faces[f, e], faces[f, (e + 1) % 3]
-            same |= (
-                position[a, 0] == position[b, 0]
-                and position[a, 1] == position[b, 1]
-                and position[a, 2] == position[b, 2]
-            )
-        if same:
-            faces[f, 0] = -1
-            continue
         for e in range(3):
             used[faces[f, e]] = 1
         counts[vertex_level[faces[f, 0]]] += 1
@@ -217,8 +202,7 @@ def number_by_level(vertex_level, used, start, rows, number):
 def sort_by_level(vertex_level, faces, number, fill, sorted_faces):
     """Put faces in the places of their levels, with the numbers of their corners there."""
     for f in range(len(faces)):
-        if faces[f, 0] >= 0:
-            lev = vertex_level[faces[f, 0]]
-            for e in range(3):
-                sorted_faces[fill[lev], e] = number[faces[f, e]]
-            fill[lev] += 1
+        lev = vertex_level[faces[f, 0]]
+        for e in range(3):
+            sorted_faces[fill[lev], e] = number[faces[f, e]]
+        fill[lev] += 1

@@ -44,6 +44,9 @@ def tidy_sheet(sheet: Sheet, sources: Sources, t: float) -> Sheet:
         faces = faces[faces[:, 0] >= 0]
         if skipped == 0:
             break
+    # What coincides and could not be merged without joining the two sides of an edge.
+    if kernels.drop_flat(sheet.vertices, faces):
+        faces = faces[faces[:, 0] >= 0]
     if len(faces) == len(sheet.faces):
         return Sheet(
             sheet.depth, sheet.vertices, faces, sheet.slots, sheet.rim, sheet.inward

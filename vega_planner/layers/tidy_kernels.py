@@ -280,6 +280,23 @@ def tidy_faces(tri, corner, ring_start, ring, vertices, slots, faces, start, aro
 
 
 @njit(nogil=True, cache=True)
+def drop_flat(vertices, faces):
+    """Put -1 as the first corner of faces with two corners at one place.
+
+    Returns:
+        Number of such faces.
+    """
+    count = 0
+    for f in range(len(faces)):
+        for c in range(3):
+            if squared(vertices, faces[f, c], faces[f, (c + 1) % 3]) == 0.0:
+                faces[f, 0] = -1
+                count += 1
+                break
+    return count
+
+
+@njit(nogil=True, cache=True)
 def mark_ears(vertices, faces, start, around, ears):
     """Mark the faces with two open edges that are folded onto a larger only neighbour."""
     mine, other = np.zeros(3), np.zeros(3)
