@@ -280,14 +280,17 @@ def costs() -> list[dict[str, Any]]:
     return rows
 
 
+def in_words(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.4f}" if abs(value) < 1 else f"{value:.4g}"
+    return str(value)
+
+
 def markdown(rows: list[dict[str, Any]]) -> str:
     """Lay out rows of figures as a table."""
     names = [name for name in rows[0] if name != "warnings"]
     lines = [" | ".join(names), " | ".join("---" for _ in names)]
-    lines += [
-        " | ".join(f"{row[n]:.4g}" if isinstance(row[n], float) else str(row[n]) for n in names)
-        for row in rows
-    ]
+    lines += [" | ".join(in_words(row[name]) for name in names) for row in rows]
     return "\n".join(f"| {line} |" for line in lines) + "\n"
 
 
