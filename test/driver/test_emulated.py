@@ -91,7 +91,7 @@ def test_prints_to_the_end_at_least_five_times_faster_than_real_time(start, tmp_
         ("torque_off 1", "y_axis .* 0xFF01"),
         ("drive_fault 2", "z_axis .* 0x7300"),
         ("unplug 2", "wrong working counters"),
-        ("lose_frames 20", "wrong working counters"),
+        ("lose_frames 4", "wrong working counters"),
         ("wrong_counters 5", "wrong working counters"),
     ],
 )

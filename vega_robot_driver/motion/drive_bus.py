@@ -20,6 +20,8 @@ _FORMS = {8: "B", 16: "H", 32: "I"}
 _SIGNED = {
     0x6060: "b", 0x6061: "b", 0x6064: "i", 0x606C: "i", 0x607A: "i", 0x6071: "h", 0x6077: "h",
 }  # fmt: skip
+#: Where the value of each object that is sent lies; what is not listed is sent as 0.
+_SENT = {0x6040: "control", 0x6060: "mode", 0x6071: "torque", 0x607A: "target", 0x60FE: "outputs"}
 #: Cycles that reaching a bus state may take.
 PATIENCE = 1000
 #: Tries of a configuration step: short built-in time-outs fail now and then under load.
@@ -69,6 +71,11 @@ class DriveBus:
         self.errors = [0] * count
         self.clocked = False
         self.wrong = self.wrong_in_a_row = 0
+        self._nothing = [0] * count
+        self._columns = [
+            self._received.index(index) if index in self._received else -1
+            for index in (0x6041, 0x6064, 0x606C, 0x603F)
+        ]
 
     @property
     def is_open(self) -> bool:
@@ -240,29 +247,18 @@ class DriveBus:
 
     def exchange(self) -> bool:
         """Exchange one frame; true where every drive took part."""
-        sent = []
-        for number in range(len(self.control)):
-            values = {
-                0x6040: self.control[number],
-                0x6060: self.mode[number],
-                0x6071: self.torque[number],
-                0x607A: self.target[number],
-                0x60FE: self.outputs[number],
-            }
-            sent.append(self._send.pack(*[values.get(index, 0) for index in self._sent]))
-        received = self._transfer(sent)
+        columns = [getattr(self, _SENT.get(index, "_nothing")) for index in self._sent]
+        received = self._transfer([self._send.pack(*row) for row in zip(*columns, strict=True)])
         if received is None:
             self.wrong += 1
             self.wrong_in_a_row += 1
             return False
         self.wrong_in_a_row = 0
-        for number, data in enumerate(received):
-            values = dict(zip(self._received, self._receive.unpack(data), strict=True))
-            self.status[number] = values[0x6041]
-            self.states[number] = state_of(values[0x6041])
-            self.position[number] = values[0x6064]
-            self.speed[number] = values.get(0x606C, 0)
-            self.errors[number] = values.get(0x603F, 0)
+        found = list(zip(*map(self._receive.unpack, received), strict=True))
+        self.status, self.position, self.speed, self.errors = (
+            list(found[column]) if column >= 0 else list(self._nothing) for column in self._columns
+        )
+        self.states = [state_of(status) for status in self.status]
         return True
 
     def _transfer(self, sent: list[bytes]) -> list[bytes] | None:
