@@ -95,4 +95,5 @@ def _dispenser(wiring: DispenserWiring) -> Dispenser:
         channel=wiring.channel,
         dialect=wiring.dialect,
         writes=wiring.writes,
+        shot_s=wiring.shot_s,
     )

@@ -234,6 +234,7 @@ class Executor:
         """Leave the fault state, without power; only on an explicit request."""
         if self.state == "fault":
             self.motion.reset_fault()
+            self.dispenser.reset_fault()
             self._follower = None
             self.state, self.detail = "off", ""
 

@@ -145,7 +145,9 @@ class DispenserWiring:
         baud: Bits a second.
         channel: Channel whose parameters are used.
         dialect: Family of its commands.
-        writes: Whether the pressure may be set; only after a person has tried it.
+        writes: Whether parameters may be set; only after a person has tried it.
+        shot_s: Time of the shots [s] that the serial line starts where no wire does; 0 where
+            one does. The output then is to cut the air.
     """
 
     axis: str = ""
@@ -155,6 +157,7 @@ class DispenserWiring:
     channel: int = 1
     dialect: str = "super_sigma"
     writes: bool = False
+    shot_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -296,6 +299,8 @@ def _check_wiring(path: str | Path, config: BusConfig) -> None:
             f"machine file {path}: the dispenser hangs on axis '{config.dispenser.axis}'; "
             f"has: {', '.join(joints)}"
         )
+    if config.dispenser.shot_s and not config.dispenser.port:
+        raise InvalidInput(f"machine file {path}: the dispenser has 'shot_s' and no 'port'")
     homed = [axis.joint for axis in config.axes if axis.homing is not None]
     if homed and 0x6060 not in [item.index for item in config.rxpdo]:
         raise InvalidInput(
