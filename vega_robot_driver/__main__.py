@@ -23,13 +23,7 @@ def main() -> int:
         if machine.hardware == "emulated":
             from vega_robot_driver.emulators.drives_process import EmulatedDrives
 
-            drives = EmulatedDrives(
-                machine.bus_file,
-                folder / "drives.json",
-                machine.dt,
-                paced=machine.paced,
-                strange=(listening,),
-            )
+            drives = EmulatedDrives(machine, folder / "drives.json", strange=(listening,))
         from vega_robot_driver.process import run
 
         return run(machine, folder, listening, drives)

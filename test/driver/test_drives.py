@@ -87,7 +87,7 @@ def test_swapped_cables_do_not_swap_axes(tmp_path):
 @pytest.mark.parametrize(
     ("key", "value", "text"),
     [
-        ("serial", 999, "no drive has y_axis's serial number 102; found: .*999"),
+        ("serial", 999, "no drive has y_axis's serial 102; found: .*999"),
         ("product", 0x777, r"the drive of y_axis \(serial 102\) is .* product 0x777"),
         ("vendor", 0x1234, r"the drive of y_axis \(serial 102\) is vendor 0x1234"),
     ],

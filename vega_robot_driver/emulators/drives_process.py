@@ -18,6 +18,7 @@ import traceback
 from pathlib import Path
 
 from vega_planner.errors import DriverError
+from vega_robot_driver.machine import Machine
 
 #: Interfaces of the two ends.
 MASTER_END, SEGMENT_END = "veth_master", "veth_drives"
@@ -32,25 +33,15 @@ class EmulatedDrives:
     """The process of the drives; it starts with this object.
 
     Args:
-        config_path: Machine file.
-        status: File into which the drives write what they do.
-        cycle: Time of a frame [s].
-        paced: Whether frames come at the pace of the clock.
+        machine: The machine they belong to.
+        status: File into which they write what they do.
         strange: Descriptors of open files that are the parent's alone.
 
     Raises:
         DriverError: If the line cannot be made.
     """
 
-    def __init__(
-        self,
-        config_path: str,
-        status: Path,
-        cycle: float,
-        *,
-        paced: bool,
-        strange: tuple[int, ...] = (),
-    ) -> None:
+    def __init__(self, machine: Machine, status: Path, *, strange: tuple[int, ...] = ()) -> None:
         _make_line()
         self._commands, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._pid = os.fork()
@@ -62,7 +53,7 @@ class EmulatedDrives:
         for number in strange:
             with contextlib.suppress(OSError):
                 os.close(number)
-        _serve(theirs, config_path, status, cycle, paced)
+        _serve(theirs, machine, status)
 
     def wait_until_ready(self) -> None:
         """Wait until the drives listen.
@@ -92,7 +83,7 @@ class EmulatedDrives:
             self._commands.recv(64)
 
 
-def _serve(commands: socket.socket, config: str, status: Path, cycle: float, paced: bool) -> None:
+def _serve(commands: socket.socket, machine: Machine, status: Path) -> None:
     """Be the drives; does not return."""
     try:
         from vega_robot_driver.emulators.line import Line, build_segment
@@ -100,10 +91,12 @@ def _serve(commands: socket.socket, config: str, status: Path, cycle: float, pac
         from vega_robot_driver.motion.bus_config import read_bus_config
 
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-        server = Server(
-            Line(build_segment(read_bus_config(config)), cycle), SEGMENT_END, status, commands
+        config = read_bus_config(machine.bus_file).with_limits(
+            machine.joint_names, machine.lower, machine.upper, machine.velocity
         )
-        if paced:  # it may be refused
+        line = Line(build_segment(config), machine.dt)
+        server = Server(line, SEGMENT_END, status, commands)
+        if machine.paced:  # it may be refused
             with contextlib.suppress(OSError):
                 os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
         commands.send(b"ready")

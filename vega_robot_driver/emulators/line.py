@@ -30,10 +30,11 @@ def build_segment(config: BusConfig) -> Segment:
             absolute=axis.homing is None,
             origin=0 if axis.homing is None else -round(at),
             forces=Forces(scale=abs(axis.scale), **axis.emulated) if axis.emulated else None,
-            chance=random.Random(axis.serial),
+            chance=random.Random(axis.known_by[1]),
         )
         identity = (axis.vendor, axis.product, 0x00010000, axis.serial)
-        slaves.append(SlaveController(Cia402Drive(model, identity), f"EMU-{axis.joint}"))
+        drive = Cia402Drive(model, identity)
+        slaves.append(SlaveController(drive, f"EMU-{axis.joint}", axis.alias))
     return Segment(slaves)
 
 

@@ -35,13 +35,14 @@ class SlaveController:
     Args:
         drive: The drive behind it.
         name: Name in the EEPROM.
+        alias: Station alias in the EEPROM.
     """
 
-    def __init__(self, drive: Cia402Drive, name: str) -> None:
-        self.drive = drive
+    def __init__(self, drive: Cia402Drive, name: str, alias: int = 0) -> None:
+        self.drive, self.alias = drive, alias
         self.state = INIT
         self.memory = bytearray(0x2000)
-        self._eeprom = eeprom_image(drive.identity, name)
+        self._eeprom = eeprom_image(drive.identity, name, alias)
         self._mailbox = Mailbox(drive.objects)
         self._waiting: list[bytes] = []
         self._windows: list[tuple[int, int, int, int]] = []
@@ -55,6 +56,7 @@ class SlaveController:
         memory[0x00:0x0A] = bytes([0x11, 0, 2, 0, 8, 8, 8, 0x0F, 0x0C, 0])  # with 64 bit clock
         memory[0x130] = INIT
         memory[0x140] = 0x05
+        struct.pack_into("<H", memory, 0x12, alias)
         struct.pack_into("<H", memory, 0x400, 0x09C2)
         struct.pack_into("<H", memory, 0x420, 1000)
 
@@ -284,15 +286,17 @@ class SlaveController:
             self.memory[_IN_STATUS] |= _MAILBOX_FULL
 
 
-def eeprom_image(identity: tuple[int, int, int, int], name: str) -> bytes:
+def eeprom_image(identity: tuple[int, int, int, int], name: str, alias: int = 0) -> bytes:
     """Build the slave information that a master reads first (ETG.1000.6, 5.4).
 
     Args:
         identity: Vendor, product, revision and serial number.
         name: Name of the device.
+        alias: Its station alias.
     """
     head = bytearray(0x80)
     struct.pack_into("<H", head, 0, 0x0005)
+    struct.pack_into("<H", head, 8, alias)
     head[14] = _checksum(bytes(head[:14]))
     struct.pack_into("<IIII", head, 0x10, *identity)
     boxes = (MAILBOX_OUT, MAILBOX_SIZE, MAILBOX_IN, MAILBOX_SIZE)

@@ -28,7 +28,7 @@ from vega_robot_driver.emulators.slave_controller import (
     SlaveController,
 )
 from vega_robot_driver.motion.bus_config import BusAxis, BusConfig, Mapped
-from vega_robot_driver.motion.drive_bus import DriveBus
+from vega_robot_driver.motion.drive_bus import DriveBus, Identity
 from vega_robot_driver.motion.ethercat import EthercatMotion
 
 _HEADER = bytes(12) + b"\x88\xa4"
@@ -90,10 +90,12 @@ class DirectBus(DriveBus):
         self.exchange()
         self.exchange()
 
-    def _identities(self) -> tuple[list[SlaveController], list[tuple[int, int, int]]]:
+    def _identities(self, kinds: set[str]) -> tuple[list[SlaveController], list[Identity]]:
         slaves = list(self._line.segment.slaves)
-        told = [slave.drive.identity for slave in slaves]
-        return slaves, [(vendor, product, serial) for vendor, product, _, serial in told]
+        told = [(*slave.drive.identity, slave.alias) for slave in slaves]
+        return slaves, [
+            Identity(vendor, product, serial, alias) for vendor, product, _, serial, alias in told
+        ]
 
     def _configure(self, slave: SlaveController, axis: BusAxis, number: int) -> None:
         """Lead a drive from INIT to SAFEOP with the configured mapping."""
