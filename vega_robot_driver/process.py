@@ -115,8 +115,7 @@ class RealTimeLoop:
             schedule = self._schedule = Schedule(period)
             while not self._ended:
                 schedule.wait(motion.clock_correction)
-                if schedule.overrun and not motion.batched and not motion.waits:
-                    executor.fail(f"{MOST_OVERRUNS} cycles in a row began late")
+                self._watch_schedule()
                 self._watch_client()
                 answers = self._handle_requests()
                 executor.advance(cycles)
@@ -132,6 +131,12 @@ class RealTimeLoop:
         """Stop soon: the way out for signals."""
         self._executor.stop("the real-time process was told to end")
         self._ended = True
+
+    def _watch_schedule(self) -> None:
+        """Stop a machine whose cycles come late again and again, where the axes do not wait."""
+        motion = self._executor.motion
+        if self._schedule.overrun and not motion.batched and not motion.waits:
+            self._executor.fail(f"{MOST_OVERRUNS} cycles in a row began late")
 
     def _warm_up(self) -> None:
         """Do once what is slow the first time: loading and checking a job."""
