@@ -19,7 +19,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 from driver_job import beads, bus_file, machine
 
 from vega_robot_driver.dispenser.digital_output import DigitalOutputDispenser
-from vega_robot_driver.executor import Executor, Limits
+from vega_robot_driver.executor import Executor
+from vega_robot_driver.limits import Limits
 from vega_robot_driver.motion.bus_config import read_bus_config
 from vega_robot_driver.motion.direct_bus import DirectDrives, DirectMotion
 

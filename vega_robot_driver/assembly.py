@@ -10,7 +10,8 @@ import numpy as np
 
 from vega_planner.errors import InvalidInput
 from vega_robot_driver.dispenser.base import Dispenser
-from vega_robot_driver.executor import Executor, Limits
+from vega_robot_driver.executor import Executor
+from vega_robot_driver.limits import Limits
 from vega_robot_driver.machine import Machine
 from vega_robot_driver.motion.base import MotionController
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The schedule of cycles, and how it stays with the drives' clocks, on clocks of the test's own."""
+"""The schedule of cycles, and how it stays with the drives' clocks; the clocks are the test's."""
 
 from __future__ import annotations
 
