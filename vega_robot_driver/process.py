@@ -21,20 +21,19 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vega_planner.errors import InvalidInput, VegaError
+from vega_planner.errors import VegaError
 from vega_robot_driver.assembly import build_executor
 from vega_robot_driver.checkpoint import CheckpointWriter
-from vega_robot_driver.control.calibration import calibration_job
 from vega_robot_driver.curve import Curve
 from vega_robot_driver.job import PrintJob
 from vega_robot_driver.link import RequestServer
 from vega_robot_driver.machine import Machine
+from vega_robot_driver.operations import Operations
 from vega_robot_driver.recording.ring import Ring
 from vega_robot_driver.recovery import recover_checkpoint
 from vega_robot_driver.schedule import MOST_OVERRUNS, Schedule
@@ -89,7 +88,7 @@ class RealTimeLoop:
         self._alone_since = time.monotonic()
         self._ended = False
         self._schedule = Schedule(machine.dt)
-        self._calibrating = False
+        self._operations = Operations(self._executor, machine, folder, self.end)
 
     def run(self) -> None:
         """Run until a client says to shut down, or nobody came back."""
@@ -119,7 +118,7 @@ class RealTimeLoop:
                 self._watch_client()
                 answers = self._handle_requests()
                 executor.advance(cycles)
-                self._watch_calibration()
+                self._operations.watch_calibration()
                 self._record()
                 self._ring.put(executor)
                 for answer, value in answers:  # who got an answer finds its effect on the page
@@ -174,111 +173,10 @@ class RealTimeLoop:
 
     def _ask(self, request: dict[str, Any]) -> dict[str, Any]:
         """Run a request between two cycles; called on the server's thread."""
-        prepared = self._prepare(request)
+        prepared = self._operations.prepare(request)
         answer: queue.SimpleQueue = queue.SimpleQueue()
         self._requests.put((prepared, answer))
         return answer.get(timeout=30.0)
-
-    def _prepare(self, request: dict[str, Any]) -> Callable[[], dict[str, Any]]:
-        """Do the slow part of a request; what it returns runs between two cycles."""
-        executor, op = self._executor, request.get("op")
-        if op == "load":
-            with np.load(self._folder / request["job"], allow_pickle=False) as file:
-                arrays = {name: file[name] for name in file.files}
-            way = arrays.pop("waypoints")
-            arrays["joint_names"] = tuple(str(name) for name in arrays["joint_names"])
-            job = PrintJob(**arrays)
-            job.digest()
-            executor.check_job(job)
-            keys = ("start_u", "lead_s", "lag_s", "overlap_s")
-            options = {key: float(request.get(key, 0.0)) for key in keys}
-            return lambda: _done(lambda: executor.load(job, waypoints=way, **options))
-        if op == "move":
-            goal = np.array(request["positions"], np.float64)
-            return lambda: _done(lambda: self._move(goal, float(request["speed_ratio"])))
-        if op == "pressure":  # a serial line takes longer than a cycle
-            executor.dispenser.set_pressure(float(request["pascal"]))
-            return dict
-        if op == "calibrate":
-            calibration = self._calibration(request)
-            return lambda: _done(lambda: self._calibrate(calibration))
-        simple: dict[str, Callable[[], Any]] = {
-            "enable": executor.enable,
-            "disable": executor.disable,
-            "pause": executor.pause,
-            "resume": executor.resume,
-            "stop": executor.stop,
-            "reset_fault": executor.reset_fault,
-            "home": executor.home,
-            "shutdown": self.end,
-            "run": lambda: executor.run(float(request.get("override", 1.0))),
-            "override": lambda: setattr(
-                executor, "override", min(max(float(request["ratio"]), 0.05), 1.0)
-            ),
-            "inject": lambda: self._inject(str(request["fault"])),
-        }
-        if op not in (*simple, "axes", "hello"):
-            raise InvalidInput(f"unknown request '{op}'; has: {', '.join(sorted(simple))}")
-        if op in ("axes", "hello"):
-            return self._describe
-        return lambda: _done(simple[str(op)])
-
-    def _describe(self) -> dict[str, Any]:
-        motion = self._executor.motion
-        return {
-            "pid": os.getpid(),
-            "hardware": self._machine.hardware,
-            "axes": [[axis.name, axis.state, axis.code] for axis in motion.axes()],
-            "quality": {**motion.quality.details},
-        }
-
-    def _move(self, goal: np.ndarray, ratio: float) -> None:
-        """Load and start a slow straight joint move."""
-        executor = self._executor
-        here = executor.positions
-        job = PrintJob(
-            joint_names=executor.motion.joint_names,
-            times=np.array([0.0, 0.01]),
-            positions=np.array([goal, goal]),
-            velocities=np.zeros((2, len(here))),
-            extrude=np.zeros(2, np.bool_),
-            path_id=np.full(2, -1),
-            path_layer=np.zeros(0, np.int64),
-        )
-        executor.load(job)
-        executor.digest = ""
-        executor.run(ratio)
-
-    def _calibration(self, request: dict[str, Any]) -> PrintJob:
-        """Make the run that records the axes' disturbance; by default over most of each axis."""
-        executor, limits = self._executor, self._executor.limits
-        inset = 0.05 * (limits.upper - limits.lower)
-        lower = np.array(request.get("lower", limits.lower + inset), np.float64)
-        upper = np.array(request.get("upper", limits.upper - inset), np.float64)
-        speeds = np.array(request.get("speeds", 0.01 * limits.velocity), np.float64)
-        names = executor.motion.joint_names
-        job = calibration_job(names, executor.positions.copy(), lower, upper, speeds)
-        executor.check_job(job)
-        return job
-
-    def _calibrate(self, job: PrintJob) -> None:
-        executor = self._executor
-        executor.load(job)
-        executor.digest = ""
-        executor.motion.start_recording()
-        executor.run()
-        self._calibrating = True
-
-    def _watch_calibration(self) -> None:
-        if self._calibrating and self._executor.state != "printing":
-            self._calibrating = False
-            self._executor.motion.finish_recording(keep=self._executor.state == "done")
-
-    def _inject(self, fault: str) -> None:
-        inject = getattr(self._executor.motion, "inject", None)
-        if inject is None:
-            raise InvalidInput(f"{self._machine.hardware} hardware takes no injected faults")
-        inject(fault)
 
     def _handle_requests(self) -> list[tuple[queue.SimpleQueue, dict[str, Any]]]:
         answers: list[tuple[queue.SimpleQueue, dict[str, Any]]] = []
@@ -344,11 +242,6 @@ class RealTimeLoop:
                 self._ring.put(executor)
                 self._recorder.stdin.close()
                 self._recorder.wait(timeout=5.0)
-
-
-def _done(work: Callable[[], Any]) -> dict[str, Any]:
-    work()
-    return {}
 
 
 def _raise_priority(batched: bool) -> None:
