@@ -5,13 +5,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from vega_planner.compiled import kernel
 from vega_planner.layers.triangle_kernels import measure, off_plane, triangle_rows
 from vega_planner.part.surface_kernels import cross_of
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def weigh_faces(vertices, faces, thickness, middle, half):
     """Work out the middle and half the thickness of each face.
 
@@ -37,7 +37,7 @@ def weigh_faces(vertices, faces, thickness, middle, half):
     return material, reach + 1e-6
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def sort_faces(middle, low, size, shape, start, order):
     """Sort faces into the boxes of a coarse grid that their middles lie in."""
     count = len(middle)
@@ -56,7 +56,7 @@ def sort_faces(middle, low, size, shape, start, order):
         fill[box[f]] += 1
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def is_near_face(tri, half, low, size, shape, start, order, x, y, z):
     """Tell whether a point lies within half its thickness of any face."""
     i = int(np.floor((x - low[0]) / size))
@@ -78,7 +78,7 @@ def is_near_face(tri, half, low, size, shape, start, order, x, y, z):
     return False
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def mark_covered(vertices, faces, half, low, size, shape, start, order, points, out):
     """Mark the points that lie within half the thickness of a face."""
     tri = triangle_rows(vertices, faces, np.arange(len(faces)))

@@ -9,8 +9,8 @@ fastest, and at least two nodes wide outside the part so that neighbours always 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from vega_planner.compiled import kernel
 from vega_planner.layers.triangle_kernels import closest, measure, nearest, off_plane, walk
 
 #: States of a node.
@@ -23,7 +23,7 @@ FACING = 0.3
 HIDDEN_MM = 0.02
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def edge_side(px, py, qx, qy, x, y):
     """Tell on which side of the line pq a point lies, the same from both triangles."""
     turned = px > qx or (px == qx and py > qy)
@@ -35,7 +35,7 @@ def edge_side(px, py, qx, qy, x, y):
     return -side if turned else side
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def scan_columns(vertices, faces, origin, h, nx, ny, start, height, sign):
     """Cross every column of nodes with the surface.
 
@@ -68,7 +68,7 @@ def scan_columns(vertices, faces, origin, h, nx, ny, start, height, sign):
                 start[column] += 1
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def mark_inside(start, height, sign, nz, state):
     """Mark the nodes with a winding number other than 0, column by column."""
     for column in range(len(start) - 1):
@@ -92,7 +92,7 @@ def mark_inside(start, height, sign, nz, state):
                     state[column * nz + k] = INSIDE
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def mark_ring(state, nx, ny, nz, first, last):
     """Mark the outside nodes that touch an inside one, also across corners."""
     for i in range(max(first, 1), min(last, nx - 1)):
@@ -111,7 +111,7 @@ def mark_ring(state, nx, ny, nz, first, last):
                     state[n] = RING
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def start_band(tri, box, origin, h, state, nx, ny, nz, first, last, reach, d, slot, fixed, fresh):
     """Find exact nearest triangles for the nodes along the surface.
 
@@ -150,7 +150,7 @@ def start_band(tri, box, origin, h, state, nx, ny, nz, first, last, reach, d, sl
                     fresh[n] = 0
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def sweep(
     tri,
     corner,
@@ -238,7 +238,7 @@ def sweep(
     return changed
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def finish_nodes(
     tri, brr_tri, brr_box, origin, h, state, ny, nz, first, last, r0, t, d, slot, gradient, level
 ):
@@ -285,7 +285,7 @@ def finish_nodes(
                     level[n] = int(np.ceil((np.float64(d[n]) - r0) / t))
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def mark_hidden(state, d, gradient, level, h, ny, nz, first, last, r0, t, raised):
     """Mark the nodes between which and a neighbour a level is passed there and back.
 
@@ -317,7 +317,7 @@ def mark_hidden(state, d, gradient, level, h, ny, nz, first, last, r0, t, raised
                         raised[n if d[n] >= d[m] else m] = 1
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def mark_bridges(state, d, gradient, level, h, ny, nz, first, last, r0, t, raised):
     """Mark nodes through which a narrow level set goes on from a node to one diagonal to it.
 
