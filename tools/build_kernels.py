@@ -192,7 +192,8 @@ def list_signatures(logs: list[Path]) -> int:
         lines = [line for path in (log, *logs) for line in path.read_text().splitlines()]
     for line in sorted(set(lines)):
         module, name, *words = line.split(" ")
-        if "None" not in words and hasattr(import_module(module), name):
+        found = getattr(import_module(module), name, None)
+        if "None" not in words and isinstance(found, compiled.Kernel) and fits(found, words):
             rows = listed.setdefault((module, name), [])
             rows[:] = joined(rows, tuple(words))
     compiled.SIGNATURES.write_text(
