@@ -26,7 +26,8 @@ from driver_job import PITCH, beads, bus_file, machine
 
 from vega_robot_driver.checkpoint import read_checkpoint, write_checkpoint
 from vega_robot_driver.dispenser.digital_output import DigitalOutputDispenser
-from vega_robot_driver.executor import Executor, Limits
+from vega_robot_driver.executor import Executor
+from vega_robot_driver.limits import Limits
 from vega_robot_driver.motion.bus_config import read_bus_config
 from vega_robot_driver.motion.direct_bus import DirectDrives, DirectMotion
 from vega_robot_driver.recovery import recover_checkpoint

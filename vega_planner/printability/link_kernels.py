@@ -12,8 +12,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from vega_planner.compiled import kernel
 from vega_planner.robot.kernels import apply, composed, turned
 
 #: Balls in a leaf.
@@ -35,7 +35,7 @@ _MM = 1000.0
 _HALF_DIAGONAL = 0.8660254
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def grow(balls, nodes, spans, skip):
     """Build the tree over the balls of one link, which lie near each other where they follow.
 
@@ -84,7 +84,7 @@ def grow(balls, nodes, spans, skip):
     return count
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def mark_passes(points, number, longest, origin, spacing, laid):
     """Mark the voxels a pass runs through with its number, where no earlier one does.
 
@@ -109,7 +109,7 @@ def mark_passes(points, number, longest, origin, spacing, laid):
             laid[i, j, k] = min(laid[i, j, k], number)
 
 
-@njit(inline="always")
+@kernel(inline="always")
 def _box_gap(x, y, z, low, high):
     dx = max(max(low[0] - x, x - high[0]), 0.0)
     dy = max(max(low[1] - y, y - high[1]), 0.0)
@@ -117,7 +117,7 @@ def _box_gap(x, y, z, low, high):
     return dx * dx + dy * dy + dz * dz
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _voxel_near(x, y, z, reach, now, laid, origin, spacing):
     """Number of a pass before `now` with a voxel that far from a point; NEVER where none is."""
     wide = reach + _HALF_DIAGONAL * spacing
@@ -140,7 +140,7 @@ def _voxel_near(x, y, z, reach, now, laid, origin, spacing):
     return NEVER
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _touch(frame, trees, begin, end, scene, now, where):
     """Hold one link at a place against what is there; see `touching`."""
     balls, nodes, spans, skip, _, _ = trees
@@ -208,7 +208,7 @@ def _touch(frame, trees, begin, end, scene, now, where):
     return found
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def touching(chain, q, now, trees, T_part_base, scene, found, where):
     """Hold all links, in many configurations, against what is there.
 

@@ -3,7 +3,12 @@
 
 from __future__ import annotations
 
-from vega_robot_driver.emulators.segment import Segment
+from typing import TYPE_CHECKING
+
+from vega_planner.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from vega_robot_driver.emulators.segment import Segment
 
 #: Fault of a drive without a cause of its own: over-current, as a number of the standard.
 OVER_CURRENT = 0x7300
@@ -19,6 +24,18 @@ FAULTS = {
     "silence": "milliseconds without a frame from a frozen master",
     "none": "mend everything",
 }
+
+
+def parsed(fault: str) -> tuple[str, int]:
+    """Read a fault and its number: `jam 0`, `torque_off 1`, `unplug 2`, `none`, ...
+
+    Raises:
+        InvalidInput: If it is not one of the faults.
+    """
+    kind, _, number = fault.partition(" ")
+    if kind not in FAULTS or not (number or "0").isdigit():
+        raise InvalidInput(f"fault '{fault}'; choices: {', '.join(FAULTS)}, and a number")
+    return kind, int(number or 0)
 
 
 def inject(segment: Segment, fault: str, number: int) -> None:
