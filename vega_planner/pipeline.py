@@ -108,9 +108,10 @@ def plan(
         too_much_left_out,
         with_check,
     )
+    from vega_planner.printability.link_repair import clear_motion
     from vega_planner.printability.pose import choose_pose
     from vega_planner.printability.repair import resolve_collisions
-    from vega_planner.printability.robot_body import check_robot_body, with_body
+    from vega_planner.printability.robot_body import BodyCheck, with_body
     from vega_planner.robot import load_cell
     from vega_planner.robot.placement import parse_pose
     from vega_planner.robot.workcell import place
@@ -119,7 +120,7 @@ def plan(
     from vega_planner.toolpaths import lay_toolpaths
     from vega_planner.toolpaths.coverage import measure_coverage
     from vega_planner.toolpaths.prime import with_prime_line
-    from vega_planner.trajectory import make_trajectory, no_motion
+    from vega_planner.trajectory import no_motion
 
     with stages.enter("cell"):
         cell = stand_on_substrate(load_cell(settings.cell, part, robot.result()), part)
@@ -158,12 +159,13 @@ def plan(
             check = replace(primed, left_out_ratio=check.left_out_ratio)
     with stages.enter("trajectory") as tell:
         if toolpaths.passes:
-            trajectory = make_trajectory(toolpaths, cell, settings.trajectory, tell)
+            toolpaths, check, trajectory, body = clear_motion(
+                toolpaths, check, stack, cell, settings, tell
+            )
         else:  # the report says why nothing can be printed
-            trajectory = no_motion(cell)
-    with stages.enter("checks") as tell:
-        body = check_robot_body(toolpaths, trajectory, cell, tell)
-        proof = certificate(part, settings, cell, toolpaths, trajectory, check)
+            trajectory, body = no_motion(cell), BodyCheck()
+    with stages.enter("checks"):
+        proof = certificate(part, settings, cell, toolpaths, trajectory, check, body)
         coverage = measure_coverage(order.patches, toolpaths, stack, settings.toolpaths.width_mm)
     return PrintPlan(
         settings=settings,
@@ -175,7 +177,7 @@ def plan(
         toolpaths=toolpaths,
         trajectory=trajectory,
         coverage=coverage,
-        collisions=check.summary(),
+        collisions=check.summary() | body.summary(),
         certificate=proof,
         robot_body=body,
         seconds=stages.seconds,

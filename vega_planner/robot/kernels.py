@@ -29,7 +29,8 @@ NEAR_TARGET = 0.1
 
 
 @kernel(inline="always")
-def _apply(r, v):
+def apply(r, v):
+    """Turn a vector by a rotation, nine numbers by rows."""
     return (
         r[0] * v[0] + r[1] * v[1] + r[2] * v[2],
         r[3] * v[0] + r[4] * v[1] + r[5] * v[2],
@@ -38,7 +39,8 @@ def _apply(r, v):
 
 
 @kernel(inline="always")
-def _times(r, m):
+def composed(r, m):
+    """Product of a rotation, nine numbers, with a matrix (3, 3)."""
     return (
         r[0] * m[0, 0] + r[1] * m[1, 0] + r[2] * m[2, 0],
         r[0] * m[0, 1] + r[1] * m[1, 1] + r[2] * m[2, 1],
@@ -53,7 +55,7 @@ def _times(r, m):
 
 
 @kernel(inline="always")
-def _turned(r, axis, angle):
+def turned(r, axis, angle):
     """Product of a rotation with Rodrigues' rotation about a unit axis."""
     c = math.cos(angle)
     s = math.sin(angle)
@@ -82,24 +84,24 @@ def forward_one(chain, q, tip, axes, world_axes, centres):
     r = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
     px, py, pz = 0.0, 0.0, 0.0
     for i in range(q.shape[0]):
-        d = _apply(r, offsets[i])
+        d = apply(r, offsets[i])
         px += d[0]
         py += d[1]
         pz += d[2]
-        r = _times(r, rotations[i])
-        a = _apply(r, joint_axes[i])
+        r = composed(r, rotations[i])
+        a = apply(r, joint_axes[i])
         world_axes[i, 0], world_axes[i, 1], world_axes[i, 2] = a
         if revolute[i]:
-            r = _turned(r, joint_axes[i], q[i])
+            r = turned(r, joint_axes[i], q[i])
         else:
             px += a[0] * q[i]
             py += a[1] * q[i]
             pz += a[2] * q[i]
         centres[i, 0], centres[i, 1], centres[i, 2] = px, py, pz
-    d = _apply(r, tip_offset)
+    d = apply(r, tip_offset)
     tip[0], tip[1], tip[2] = px + d[0], py + d[1], pz + d[2]
-    axes[0, 0], axes[0, 1], axes[0, 2] = _apply(r, tip_axes[0])
-    axes[1, 0], axes[1, 1], axes[1, 2] = _apply(r, tip_axes[1])
+    axes[0, 0], axes[0, 1], axes[0, 2] = apply(r, tip_axes[0])
+    axes[1, 0], axes[1, 1], axes[1, 2] = apply(r, tip_axes[1])
 
 
 @kernel
