@@ -57,9 +57,7 @@ def contour_levels(
     """
     edges, counts, members = component_tables()
     _, ny, nz = grid.shape
-    corner_step = np.array(
-        [(c & 1) * ny * nz + (c >> 1 & 1) * nz + (c >> 2 & 1) for c in range(8)]
-    )
+    corner_step = grid.corner_step
     slabs = grid.slabs(32)
     h, origin, state = grid.spacing, grid.origin, grid.state
     narrow = len(sources.box) == 0

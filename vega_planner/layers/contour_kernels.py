@@ -12,8 +12,8 @@ vertex that has both kinds lies on the rim of its layer.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from vega_planner.compiled import kernel
 from vega_planner.layers.grid_kernels import FACING, INSIDE
 from vega_planner.layers.triangle_kernels import closest, first_hit, measure, nearest, walk
 from vega_planner.layers.vertex_kernels import (
@@ -24,7 +24,7 @@ from vega_planner.layers.vertex_kernels import (
 )
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def find_exits(brr_tri, brr_box, origin, h, state, d, level, narrow, ny, nz, first, last, leave):
     """Find where edges from inside to beyond the restraint region leave the part.
 
@@ -61,7 +61,7 @@ def find_exits(brr_tri, brr_box, origin, h, state, d, level, narrow, ny, nz, fir
                         leave[n, axis] = -1.0 if both else e
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def root_along(tri, sa, sb, px, py, pz, axis, length, da, db, r):
     """Find where the distance to two triangles passes r along an edge of the grid.
 
@@ -93,7 +93,7 @@ def root_along(tri, sa, sb, px, py, pz, axis, length, da, db, r):
     return u, s
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def crossing(d, gradient, level, lev, a, b, axis, h, r):
     """Estimate where a level crosses the edge of the grid from node a to node b.
 
@@ -114,7 +114,7 @@ def crossing(d, gradient, level, lev, a, b, axis, h, r):
     return 1.0 - u if turned else u
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def is_real(tri, origin, h, state, d, slot, leave, n, axis, step, ny, nz, r):
     """Tell whether a crossed edge of the grid meets the level inside the part."""
     m = n + step
@@ -140,7 +140,7 @@ def is_real(tri, origin, h, state, d, slot, leave, n, axis, step, ny, nz, r):
     return u < leave[n, axis]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def count_vertices(level, corner_step, counts, ny, nz, first, last, base):
     """Count the vertices each cell will have, over all levels."""
     for i in range(first, last):
@@ -163,7 +163,7 @@ def count_vertices(level, corner_step, counts, ny, nz, first, last, base):
                 base[n] = total
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def make_vertices(
     tri,
     corner,
@@ -209,6 +209,7 @@ def make_vertices(
     limits = np.zeros(24)
     v = np.zeros(3)
     virtual = np.zeros((12, 3))
+    seen = np.zeros((9, 3))
     for i in range(first, last):
         for j in range(ny - 1):
             for k in range(nz - 1):
@@ -306,6 +307,8 @@ def make_vertices(
                         v[1] /= total
                         v[2] /= total
                         hint = sheets[0]
+                        fx, fy, fz = 0.0, 0.0, 0.0
+                        know_foot = False
                         if beyond == 0 and kinds == 1:
                             # Least cosine between the sheet and any other in the cell.
                             least = 1.0
@@ -338,11 +341,12 @@ def make_vertices(
                                 # triangle may become nearer, by as much as it is turned.
                                 if (r - e2) * (1.0 - least) < 5e-5:
                                     break
+                            know_foot = least >= 0.9
                             # Where another sheet is about, make sure that it is not nearer.
                             if least < 0.9:
                                 hint = settle_about(
-                                    tri, corner, ring_start, ring, r, slot, origin, h, corner_step,
-                                    hint, v,
+                                    tri, corner, ring_start, ring, r, slot, d, gradient, origin,
+                                    h, corner_step, hint, v, seen,
                                 )  # fmt: skip
                         else:
                             wall_count = 0
@@ -376,15 +380,17 @@ def make_vertices(
                                 )  # fmt: skip
                             else:
                                 hint = settle_about(
-                                    tri, corner, ring_start, ring, r, slot, origin, h, corner_step,
-                                    hint, v,
+                                    tri, corner, ring_start, ring, r, slot, d, gradient, origin,
+                                    h, corner_step, hint, v, seen,
                                 )  # fmt: skip
                         position[vertex, 0] = v[0]
                         position[vertex, 1] = v[1]
                         position[vertex, 2] = v[2]
                         vertex_slot[vertex] = hint
-                        d2, fx, fy, fz = closest(tri, hint, v[0], v[1], v[2])
-                        e2 = max(np.sqrt(d2), 1e-12)
+                        if not know_foot:
+                            _, fx, fy, fz = closest(tri, hint, v[0], v[1], v[2])
+                        e2 = (v[0] - fx) ** 2 + (v[1] - fy) ** 2 + (v[2] - fz) ** 2
+                        e2 = max(np.sqrt(e2), 1e-12)
                         inward[vertex, 0] = (v[0] - fx) / e2
                         inward[vertex, 1] = (v[1] - fy) / e2
                         inward[vertex, 2] = (v[2] - fz) / e2

@@ -1,88 +1,77 @@
 # SPDX-License-Identifier: Apache-2.0
 # mypy: disable-error-code="no-untyped-def"
-"""Compiled test of which points the faces of a sheet cover."""
+"""Compiled test of which points of a lattice the faces of a sheet cover."""
 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
-from vega_planner.layers.triangle_kernels import measure, off_plane, triangle_rows
+from vega_planner.compiled import kernel
+from vega_planner.layers.triangle_kernels import measure, off_plane
 from vega_planner.part.surface_kernels import cross_of
 
 
-@njit(nogil=True, cache=True)
-def weigh_faces(vertices, faces, thickness, middle, half):
-    """Work out the middle and half the thickness of each face.
+@kernel
+def lay_triangle(vertices, a, b, c, normal, length, tri):
+    """Lay out one triangle as a row of `triangle_kernels`."""
+    for k in range(3):
+        tri[0, k] = vertices[a, k]
+        tri[0, 3 + k] = vertices[b, k] - vertices[a, k]
+        tri[0, 6 + k] = vertices[c, k] - vertices[a, k]
+        tri[0, 9 + k] = normal[k] / length if length > 0.0 else 0.0
+    tri[0, 13] = tri[0, 14] = tri[0, 15] = 0.0
+    for k in range(3):
+        tri[0, 13] += tri[0, 3 + k] * tri[0, 3 + k]
+        tri[0, 14] += tri[0, 3 + k] * tri[0, 6 + k]
+        tri[0, 15] += tri[0, 6 + k] * tri[0, 6 + k]
+
+
+@kernel
+def cover(vertices, faces, thickness, origin, spacing, shape, inside, covered):
+    """Mark the inside points of a lattice that lie within half the thickness of a face.
+
+    Args:
+        vertices: Points along the axes of the lattice [mm], (n, 3).
+        faces: Vertex indices, (m, 3).
+        thickness: Thickness at the vertices [mm], (n,).
+        origin: First point of the lattice [mm].
+        spacing: Distance between its points [mm].
+        shape: Points along each axis.
+        inside: Nonzero for the points that count.
+        covered: Result, 1 for the covered ones.
 
     Returns:
-        Material of the sheet: area times thickness [mm³]; and the greatest distance
-        from a middle to a point that its face covers [mm].
+        Material of the sheet: area times thickness [mm³].
     """
-    material, reach = 0.0, 0.0
+    material = 0.0
     normal = np.zeros(3)
+    tri = np.zeros((1, 16))
+    first, last = np.zeros(3, np.int64), np.zeros(3, np.int64)
     for f in range(len(faces)):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
-        half[f] = (thickness[a] + thickness[b] + thickness[c]) / 6.0
-        wide = 0.0
+        half = (thickness[a] + thickness[b] + thickness[c]) / 6.0
+        length = cross_of(vertices, a, b, c, normal)
+        material += length * half
         for k in range(3):
-            middle[f, k] = (vertices[a, k] + vertices[b, k] + vertices[c, k]) / 3.0
-        for v in (a, b, c):
-            d2 = 0.0
-            for k in range(3):
-                d2 += (vertices[v, k] - middle[f, k]) ** 2
-            wide = max(wide, d2)
-        material += cross_of(vertices, a, b, c, normal) * half[f]
-        reach = max(reach, np.sqrt(wide) + half[f])
-    return material, reach + 1e-6
-
-
-@njit(nogil=True, cache=True)
-def sort_faces(middle, low, size, shape, start, order):
-    """Sort faces into the boxes of a coarse grid that their middles lie in."""
-    count = len(middle)
-    box = np.zeros(count, np.int64)
-    for f in range(count):
-        place = 0
-        for k in range(3):
-            place = place * shape[k] + min(int((middle[f, k] - low[k]) / size), shape[k] - 1)
-        box[f] = place
-        start[place + 1] += 1
-    for i in range(len(start) - 1):
-        start[i + 1] += start[i]
-    fill = start[:-1].copy()
-    for f in range(count):
-        order[fill[box[f]]] = f
-        fill[box[f]] += 1
-
-
-@njit(nogil=True, cache=True)
-def is_near_face(tri, half, low, size, shape, start, order, x, y, z):
-    """Tell whether a point lies within half its thickness of any face."""
-    i = int(np.floor((x - low[0]) / size))
-    j = int(np.floor((y - low[1]) / size))
-    k = int(np.floor((z - low[2]) / size))
-    for a in range(max(i - 1, 0), min(i + 2, shape[0])):
-        for b in range(max(j - 1, 0), min(j + 2, shape[1])):
-            first = (a * shape[1] + b) * shape[2]
-            # Boxes along the last axis are neighbours in the order as well.
-            front, back = max(k - 1, 0), min(k + 2, shape[2])
-            if front >= back:
-                continue
-            for n in range(start[first + front], start[first + back]):
-                f = order[n]
-                least = (half[f] + 1e-6) ** 2
-                off = off_plane(tri, f, x, y, z)
-                if off * off <= least and measure(tri, f, x, y, z)[0] <= least:
-                    return True
-    return False
-
-
-@njit(nogil=True, cache=True)
-def mark_covered(vertices, faces, half, low, size, shape, start, order, points, out):
-    """Mark the points that lie within half the thickness of a face."""
-    tri = triangle_rows(vertices, faces, np.arange(len(faces)))
-    for p in range(len(points)):
-        out[p] = is_near_face(
-            tri, half, low, size, shape, start, order, points[p, 0], points[p, 1], points[p, 2]
-        )
+            p, q, r = vertices[a, k], vertices[b, k], vertices[c, k]
+            low, high = min(p, q, r) - half - origin[k], max(p, q, r) + half - origin[k]
+            first[k] = max(int(np.ceil(low / spacing - 1e-5)), 0)
+            last[k] = min(int(np.floor(high / spacing + 1e-5)), shape[k] - 1)
+        laid = False
+        least = (half + 1e-6) ** 2
+        for i in range(first[0], last[0] + 1):
+            for j in range(first[1], last[1] + 1):
+                for k in range(first[2], last[2] + 1):
+                    n = (i * shape[1] + j) * shape[2] + k
+                    if inside[n] == 0 or covered[n] != 0:
+                        continue
+                    if not laid:
+                        lay_triangle(vertices, a, b, c, normal, length, tri)
+                        laid = True
+                    x = origin[0] + spacing * i
+                    y = origin[1] + spacing * j
+                    z = origin[2] + spacing * k
+                    off = off_plane(tri, 0, x, y, z)
+                    if off * off <= least and measure(tri, 0, x, y, z)[0] <= least:
+                        covered[n] = 1
+    return material

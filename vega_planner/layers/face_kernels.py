@@ -5,14 +5,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from vega_planner.compiled import kernel
 from vega_planner.layers.contour_kernels import is_real
 from vega_planner.layers.grid_kernels import INSIDE
 from vega_planner.layers.triangle_kernels import walk
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def vertex_of(level, corner_step, counts, members, base, cell, lev, edge):
     """Number the vertex that an edge of a cell has at a level."""
     low = level[cell]
@@ -30,7 +30,7 @@ def vertex_of(level, corner_step, counts, members, base, cell, lev, edge):
     return -1
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def make_quads(
     tri,
     origin,
@@ -100,7 +100,7 @@ def make_quads(
     return total
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def split_quads(
     tri,
     corner,
@@ -154,7 +154,7 @@ def split_quads(
             faces[2 * q + 1] = (b, c, e)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def count_by_level(position, vertex_level, faces, used, vertex_start, face_start):
     """Count the vertices and faces of each level, and leave out faces without an area.
 
@@ -184,7 +184,7 @@ def count_by_level(position, vertex_level, faces, used, vertex_start, face_start
         vertex_start[lev + 1] += vertex_start[lev]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def sort_by_level(vertex_level, faces, used, vertex_start, face_start, rows, sorted_faces):
     """List the vertices level by level, and the faces with their numbers in that level."""
     fill = vertex_start.copy()

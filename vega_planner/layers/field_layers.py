@@ -103,12 +103,12 @@ def field_layers(part: Part, settings: LayerSettings, report: Report) -> LayerSt
                 "the surface; its layers follow the distance inside the part, not the "
                 "straight one",
             )
-    finish(grid, sources.tri, brr, t / 2, t)
+    finish(grid, sources.tri, brr, t / 2, t, bent=len(sources.box) == 0)
     sheets = contour_levels(grid, sources, brr, t / 2, t)
     if len(sources.box):
         sheets = with_summits(grid, field, brr, sheets, t, SLIVER_RATIO * t / 2)
     sheets = map_threads(
-        lambda sheet: tidy_sheet(refine_sheet(sheet, sources, brr), sources, t), sheets
+        lambda sheet: tidy_sheet(refine_sheet(sheet, grid, sources, brr), sources, t), sheets
     )
     core = Core.nothing(sheets, t)
     if settings.fill_core:
@@ -117,14 +117,14 @@ def field_layers(part: Part, settings: LayerSettings, report: Report) -> LayerSt
     if not layers and not core.cores:
         raise NoLayers(f"no layer of t = {t:g} mm fits into part '{part.name}'")
     sheets_made = (*layers, *core.cores)
-    samples = spread_samples(part, grid)
-    uncovered, overfill = coverage_ratios(part, grid, samples, sheets_made, t)
+    samples = spread_samples(part)
+    uncovered, overfill = coverage_ratios(part, samples, sheets_made)
     if core.begins_early:
         # Keeping all levels as they are costs less than it gains where walls vary.
         kept = fill_core(part, grid, field, brr, sheets, t, staying_ratio=1.0)
         all_layers = envelopes(sheets, kept)
         everything = (*all_layers, *kept.cores)
-        open_then, over_then = coverage_ratios(part, grid, samples, everything, t)
+        open_then, over_then = coverage_ratios(part, samples, everything)
         if OPEN_WEIGHT * open_then + over_then < EARLY_GAIN * (OPEN_WEIGHT * uncovered + overfill):
             layers, sheets_made = all_layers, everything
             uncovered, overfill = open_then, over_then
@@ -133,7 +133,7 @@ def field_layers(part: Part, settings: LayerSettings, report: Report) -> LayerSt
         if not settings.fill_core or uncovered < FILLED_RATIO:
             break
         thicker = tuple(thicker_creases(layer, factor) for layer in plain)
-        then = coverage_ratios(part, grid, samples, thicker, t)
+        then = coverage_ratios(part, samples, thicker)
         if factor > CREASE_FACTORS[0] and then[1] > FULL_RATIO:
             break
         sheets_made, (uncovered, overfill) = thicker, then
@@ -156,7 +156,14 @@ def envelopes(sheets: list[Sheet], core: Core) -> list[Layer]:
 
     def envelope(k: int) -> Layer:
         sheet = sheets[k]
-        kept = core.kept[k] & ~folded_ears(sheet.vertices, sheet.faces)
+        kept = core.kept[k]
+        # Two open edges and the one opposite to them are all on the rim.
+        corners = sheet.rim[sheet.faces].sum(1)
+        if (corners == 3).any():
+            beside = np.flatnonzero(corners >= 2)
+            ears = folded_ears(sheet.vertices, sheet.faces[beside])
+            kept = kept.copy()
+            kept[beside[ears & (corners[beside] == 3)]] = False
         vertices, faces, thickness = kept_faces(sheet, kept, core.thickness[k])
         return Layer(
             index=k,
@@ -198,7 +205,10 @@ def thicker_creases(layer: Layer, factor: float) -> Layer:
 
 def kept_faces(sheet: Sheet, kept: Bools, thickness: Floats) -> tuple[Floats, Ints, Floats]:
     """Leave out the faces of a sheet that are not kept, and the vertices only they use."""
-    if kept.all() and len(np.unique(sheet.faces)) == len(sheet.vertices):
-        return sheet.vertices, sheet.faces, thickness
-    used, numbers = np.unique(sheet.faces[kept], return_inverse=True)
-    return sheet.vertices[used], numbers.reshape(-1, 3), thickness[used]
+    faces = sheet.faces if kept.all() else sheet.faces[kept]
+    used = np.zeros(len(sheet.vertices), bool)
+    used[faces] = True
+    if used.all():
+        return sheet.vertices, faces, thickness
+    number = np.cumsum(used) - 1
+    return sheet.vertices[used], number[faces], thickness[used]

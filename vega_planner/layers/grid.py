@@ -53,6 +53,19 @@ class Grid:
         """Positions of nodes [mm], shape (n, 3)."""
         return self.origin + self.spacing * np.stack(np.unravel_index(nodes, self.shape), axis=1)
 
+    @property
+    def corner_step(self) -> np.ndarray:
+        """Steps from a node to the eight corners of the cell that begins there."""
+        _, ny, nz = self.shape
+        return np.array([(c & 1) * ny * nz + (c >> 1 & 1) * nz + (c >> 2 & 1) for c in range(8)])
+
+    @property
+    def about(self) -> tuple[Any, ...]:
+        """What the search for the sheets about a point needs."""
+        return (
+            self.slot, self.distance, self.gradient, self.origin, self.spacing, self.corner_step
+        )  # fmt: skip
+
     def slabs(self, count: int = SLABS) -> list[tuple[int, int]]:
         """Cut the planes i = 1 .. nx - 2 into slabs (first, last)."""
         return plane_slabs(self.shape[0], count)
@@ -109,7 +122,7 @@ def sample_part(
         report: Progress.
 
     Returns:
-        The grid, its distances unsigned and without gradients; see `finish`.
+        The grid, its distances unsigned and without levels; see `finish`.
     """
     low, high = part.bounds
     # Odd offsets keep nodes off the planes that parts are made of.
@@ -131,39 +144,42 @@ def sample_nodes(
     """Measure the distance to S at the inside nodes and the ring around them."""
     nx, ny, nz = shape
     count = nx * ny * nz
-    distance = np.zeros(count, np.float32)
     slot = np.full(count, -1, np.int32)
-    fixed, fresh = np.zeros(count, np.uint8), np.zeros(count, np.uint8)
+    known = np.zeros((count, 4), np.float32)
+    known[:, 0] = kernels.UNKNOWN
+    fresh = np.zeros(count, np.uint8)
     slabs = plane_slabs(nx)
     map_threads(lambda s: kernels.mark_ring(state, nx, ny, nz, *s), slabs)
     map_threads(
         lambda s: kernels.start_band(
-            field.tri, field.box, origin, h, state, nx, ny, nz, *s, _BAND * h,
-            distance, slot, fixed, fresh,
+            field.tri, field.box, origin, h, state, nx, ny, nz, *s, _BAND * h, slot, known, fresh
         ),
         slabs,
-    )  # fmt: skip
+    )
     report(Progress("layers", 0.1))
 
     def sweep(slab: tuple[int, int]) -> int:
         return sum(
             kernels.sweep(
-                field.tri, *field.rings, origin, h, state, ny, nz, *slab, backwards,
-                distance, slot, fixed, fresh,
+                field.tri, *field.rings, origin, h, ny, nz, *slab, backwards, slot, known, fresh
             )
             for backwards in (False, True)
-        )  # fmt: skip
+        )
 
     for _ in range(100):
         changed = sum(map_threads(sweep, slabs[::2])) + sum(map_threads(sweep, slabs[1::2]))
         report(Progress("layers", 0.2))
         if changed == 0:
             break
-    gradient, level = np.zeros((count, 3), np.float32), np.zeros(count, np.int16)
-    return Grid(origin, h, shape, state, distance, slot, gradient, level)
+    distance, gradient = np.zeros(count, np.float32), np.zeros((count, 3), np.float32)
+    pieces = [count * k // SLABS for k in range(SLABS + 1)]
+    map_threads(lambda s: kernels.part_known(known, *s, distance, gradient), pairwise(pieces))
+    return Grid(origin, h, shape, state, distance, slot, gradient, np.zeros(count, np.int16))
 
 
-def finish(grid: Grid, tri: Floats, brr: DistanceField | None, r0: float, t: float) -> None:
+def finish(
+    grid: Grid, tri: Floats, brr: DistanceField | None, r0: float, t: float, bent: bool
+) -> None:
     """Sign the distances of a grid, and work out its gradients and levels, in place.
 
     Args:
@@ -172,6 +188,7 @@ def finish(grid: Grid, tri: Floats, brr: DistanceField | None, r0: float, t: flo
         brr: Distances to the restraint region, or None where there is none.
         r0: First level [mm].
         t: Distance between levels [mm].
+        bent: Whether distances at inside nodes may have changed since they were sampled.
     """
     nx, ny, nz = grid.shape
     brr_tri = brr.tri if brr else np.zeros((0, 16))
@@ -179,7 +196,7 @@ def finish(grid: Grid, tri: Floats, brr: DistanceField | None, r0: float, t: flo
     map_threads(
         lambda s: kernels.finish_nodes(
             tri, brr_tri, brr_box, grid.origin, grid.spacing, grid.state, ny, nz, *s, r0, t,
-            grid.distance, grid.slot, grid.gradient, grid.level,
+            bent, grid.distance, grid.slot, grid.gradient, grid.level,
         ),
         plane_slabs(nx),
     )  # fmt: skip

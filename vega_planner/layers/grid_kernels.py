@@ -9,9 +9,15 @@ fastest, and at least two nodes wide outside the part so that neighbours always 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
-from vega_planner.layers.triangle_kernels import closest, measure, nearest, off_plane, walk
+from vega_planner.compiled import kernel
+from vega_planner.layers.triangle_kernels import (
+    SAME_BASIN,
+    closest,
+    measure,
+    nearest,
+    walk,
+)
 
 #: States of a node.
 NONE, RING, INSIDE = 0, 1, 2
@@ -19,11 +25,17 @@ NONE, RING, INSIDE = 0, 1, 2
 #: Least cosine between an edge and the gradients at its ends where fronts face each other.
 FACING = 0.3
 
+#: Distance of a node that has not been reached.
+UNKNOWN = np.float32(1e30)
+
+#: Whether a node waits to be swept, has been, or has its exact triangle from the start.
+DONE, FRESH, STALE = 0, 1, 2
+
 #: Half the width of the narrowest level sets that are looked for between nodes [mm].
 HIDDEN_MM = 0.02
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def edge_side(px, py, qx, qy, x, y):
     """Tell on which side of the line pq a point lies, the same from both triangles."""
     turned = px > qx or (px == qx and py > qy)
@@ -35,7 +47,7 @@ def edge_side(px, py, qx, qy, x, y):
     return -side if turned else side
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def scan_columns(vertices, faces, origin, h, nx, ny, start, height, sign):
     """Cross every column of nodes with the surface.
 
@@ -68,7 +80,7 @@ def scan_columns(vertices, faces, origin, h, nx, ny, start, height, sign):
                 start[column] += 1
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def mark_inside(start, height, sign, nz, state):
     """Mark the nodes with a winding number other than 0, column by column."""
     for column in range(len(start) - 1):
@@ -92,7 +104,7 @@ def mark_inside(start, height, sign, nz, state):
                     state[column * nz + k] = INSIDE
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def mark_ring(state, nx, ny, nz, first, last):
     """Mark the outside nodes that touch an inside one, also across corners."""
     for i in range(max(first, 1), min(last, nx - 1)):
@@ -111,11 +123,28 @@ def mark_ring(state, nx, ny, nz, first, last):
                     state[n] = RING
 
 
-@njit(nogil=True, cache=True)
-def start_band(tri, box, origin, h, state, nx, ny, nz, first, last, reach, d, slot, fixed, fresh):
+@kernel
+def note(tri, s, d2, qx, qy, qz, x, y, z, n, slot, known):
+    """Note the nearest triangle of a node, the distance to it and its gradient."""
+    r = np.sqrt(d2)
+    slot[n] = s
+    known[n, 0] = r
+    if r > 1e-9:
+        known[n, 1] = (x - qx) / r
+        known[n, 2] = (y - qy) / r
+        known[n, 3] = (z - qz) / r
+    else:
+        known[n, 1] = -tri[s, 9]
+        known[n, 2] = -tri[s, 10]
+        known[n, 3] = -tri[s, 11]
+    return r
+
+
+@kernel
+def start_band(tri, box, origin, h, state, nx, ny, nz, first, last, reach, slot, known, fresh):
     """Find exact nearest triangles for the nodes along the surface.
 
-    Nodes within `reach` of S are fixed; the others that belong to the part or its ring
+    Nodes within `reach` of S are done; the others that belong to the part or its ring
     are marked fresh, for `sweep` to fill.
     """
     stack = np.zeros(64, np.int64)
@@ -127,7 +156,7 @@ def start_band(tri, box, origin, h, state, nx, ny, nz, first, last, reach, d, sl
                 n = (i * ny + j) * nz + k
                 if state[n] == NONE:
                     continue
-                fresh[n] = 1
+                fresh[n] = FRESH
                 at_surface = state[n] == RING
                 if not at_surface:
                     at_surface = (
@@ -141,111 +170,171 @@ def start_band(tri, box, origin, h, state, nx, ny, nz, first, last, reach, d, sl
                 if not at_surface:
                     continue
                 x, y, z = origin[0] + h * i, origin[1] + h * j, origin[2] + h * k
-                s, d2 = nearest(tri, box, x, y, z, hint, reach * reach, stack, lower)
+                s, _ = nearest(tri, box, x, y, z, hint, reach * reach, stack, lower)
                 if s >= 0:
                     hint = s
-                    slot[n] = s
-                    d[n] = np.sqrt(d2)
-                    fixed[n] = 1
-                    fresh[n] = 0
+                    d2, qx, qy, qz = closest(tri, s, x, y, z)
+                    note(tri, s, d2, qx, qy, qz, x, y, z, n, slot, known)
+                    fresh[n] = DONE
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def sweep(
-    tri,
-    corner,
-    ring_start,
-    ring,
-    origin,
-    h,
-    state,
-    ny,
-    nz,
-    first,
-    last,
-    backwards,
-    d,
-    slot,
-    fixed,
-    fresh,
+    tri, corner, ring_start, ring, origin, h, ny, nz, first, last, backwards, slot, known, fresh
 ):
     """Hand nearest triangles from node to node along the raster.
 
-    A fresh node tries the triangles of its 26 neighbours, walks from the best one to
-    the local minimum, and makes its neighbours fresh when it changed.
+    The foot of a neighbour at d with the gradient g is |d g + s| away, s being the step
+    from the neighbour; its triangle is no nearer than d + g . s, since it is convex. A
+    fresh node walks from the nearest foot to the local minimum, tries the triangles of
+    those neighbours that may still be nearer, and makes the neighbours fresh that its own
+    triangle may be nearer to. Nodes with one gradient share a basin: walking finds its
+    minimum, so they do not try each other's triangles.
+
+    Args:
+        tri: Triangle rows of S, with `corner`, `ring_start` and `ring`.
+        origin: Position of node (0, 0, 0).
+        h: Spacing.
+        ny: Nodes along y.
+        nz: Nodes along z.
+        first: First plane to sweep.
+        last: End of the planes.
+        backwards: Whether to go from the last node to the first.
+        slot: Nearest triangle of each node.
+        known: Distance of each node, `UNKNOWN` at first, and its gradient, (n, 4).
+        fresh: FRESH, STALE or DONE.
 
     Returns:
         Number of nodes that changed.
     """
     tried = np.zeros(26, np.int64)
+    step = np.zeros(26, np.int64)
+    move = np.zeros((26, 3))
+    square = np.zeros(26)
+    least = np.zeros(26)
+    count = 0
+    for a in range(-1, 2):
+        for b in range(-1, 2):
+            for c in range(-1, 2):
+                if a == 0 and b == 0 and c == 0:
+                    continue
+                step[count] = (a * ny + b) * nz + c
+                move[count, 0], move[count, 1], move[count, 2] = h * a, h * b, h * c
+                square[count] = h * h * (a * a + b * b + c * c)
+                count += 1
+    slack = 1e-5 * h
     changed = 0
-    root2, root3 = np.sqrt(2.0) * h * 1.000001, np.sqrt(3.0) * h * 1.000001
     for ii in range(last - first):
         i = last - 1 - ii if backwards else first + ii
         for jj in range(1, ny - 1):
             j = ny - 1 - jj if backwards else jj
             for kk in range(1, nz - 1):
                 k = nz - 1 - kk if backwards else kk
-                n = (i * ny + j) * nz + k
-                if fresh[n] == 0:
+                n = np.uint64((i * ny + j) * nz + k)
+                if fresh[n] != FRESH:
                     continue
-                fresh[n] = 0
+                fresh[n] = STALE
                 x, y, z = origin[0] + h * i, origin[1] + h * j, origin[2] + h * k
-                current = slot[n]
-                reach = d[n] if current >= 0 else 1e30
-                best = current
-                count = 0
-                for a in range(-1, 2):
-                    for b in range(-1, 2):
-                        for c in range(-1, 2):
-                            m = n + (a * ny + b) * nz + c
-                            s = slot[m]
-                            if s < 0 or s == best:
-                                continue
-                            steps = abs(a) + abs(b) + abs(c)
-                            gap = h * 1.000001 if steps == 1 else (root2 if steps == 2 else root3)
-                            if d[m] - gap > reach:
-                                continue
-                            again = False
-                            for q in range(count):
-                                if tried[q] == s:
-                                    again = True
-                                    break
-                            if again:
-                                continue
-                            tried[count] = s
-                            count += 1
-                            off = off_plane(tri, s, x, y, z)
-                            if abs(off) >= reach:
-                                continue
-                            d2, _, _ = measure(tri, s, x, y, z)
-                            r = np.sqrt(d2)
-                            if r < reach * (1.0 - 1e-7):
-                                reach = r
-                                best = s
-                if best == current:
+                nearest_foot = 1e30
+                side = -1
+                for q in range(26):
+                    m = np.uint64(np.int64(n) + step[q])
+                    e = np.float64(known[m, 0])
+                    along = -(
+                        known[m, 1] * move[q, 0]
+                        + known[m, 2] * move[q, 1]
+                        + known[m, 3] * move[q, 2]
+                    )
+                    least[q] = e + along - slack
+                    away = e * e + 2.0 * e * along + square[q]
+                    if away < nearest_foot:
+                        nearest_foot = away
+                        side = q
+                if side < 0:
                     continue
-                best, d2, _, _, _ = walk(tri, corner, ring_start, ring, best, x, y, z)
-                slot[n] = best
-                d[n] = np.sqrt(d2)
+                current = np.int64(slot[n])
+                best = np.int64(slot[np.uint64(np.int64(n) + step[side])])
+                now = current
+                reach = np.float64(known[n, 0])
+                if best != current and nearest_foot < reach * reach:
+                    now, d2, qx, qy, qz = walk(tri, corner, ring_start, ring, best, x, y, z)
+                    reach = note(tri, now, d2, qx, qy, qz, x, y, z, n, slot, known)
+                count = 0
+                other = -1
+                nearer = reach * (1.0 - 1e-7)
+                for q in range(26):
+                    if least[q] >= nearer:
+                        continue
+                    m = np.uint64(np.int64(n) + step[q])
+                    if (
+                        known[n, 1] * known[m, 1]
+                        + known[n, 2] * known[m, 2]
+                        + known[n, 3] * known[m, 3]
+                    ) > SAME_BASIN:
+                        continue
+                    s = np.int64(slot[m])
+                    if s in (now, best, current):
+                        continue
+                    again = False
+                    for p in range(count):
+                        if tried[p] == s:
+                            again = True
+                            break
+                    if again:
+                        continue
+                    tried[count] = s
+                    count += 1
+                    d2, _, _ = measure(tri, s, x, y, z)
+                    if d2 < nearer * nearer:
+                        nearer = np.sqrt(d2)
+                        other = s
+                if other >= 0:
+                    now, d2, qx, qy, qz = walk(tri, corner, ring_start, ring, other, x, y, z)
+                    reach = note(tri, now, d2, qx, qy, qz, x, y, z, n, slot, known)
+                if now == current:
+                    continue
                 changed += 1
-                for a in range(-1, 2):
-                    for b in range(-1, 2):
-                        for c in range(-1, 2):
-                            m = n + (a * ny + b) * nz + c
-                            if slot[m] != best and state[m] != NONE and fixed[m] == 0:
-                                fresh[m] = 1
+                for q in range(26):
+                    m = np.uint64(np.int64(n) + step[q])
+                    if fresh[m] != STALE:
+                        continue
+                    may = reach + (
+                        known[n, 1] * move[q, 0]
+                        + known[n, 2] * move[q, 1]
+                        + known[n, 3] * move[q, 2]
+                    )
+                    if (
+                        may - slack < known[m, 0]
+                        and (
+                            known[n, 1] * known[m, 1]
+                            + known[n, 2] * known[m, 2]
+                            + known[n, 3] * known[m, 3]
+                        )
+                        <= SAME_BASIN
+                    ):
+                        fresh[m] = FRESH
     return changed
 
 
-@njit(nogil=True, cache=True)
+@kernel
+def part_known(known, first, last, d, gradient):
+    """Copy distances and gradients into arrays of their own; unknown distances are 0."""
+    for n in range(first, last):
+        d[n] = known[n, 0] if known[n, 0] < UNKNOWN else 0.0
+        for k in range(3):
+            gradient[n, k] = known[n, k + 1]
+
+
+@kernel
 def finish_nodes(
-    tri, brr_tri, brr_box, origin, h, state, ny, nz, first, last, r0, t, d, slot, gradient, level
-):
+    tri, brr_tri, brr_box, origin, h, state, ny, nz, first, last, r0, t, bent, d, slot, gradient,
+    level
+):  # fmt: skip
     """Sign the distances, and compute gradients and level counts.
 
     A node outside the part is positive where the part's nearest face is restrained
-    (the level sets go on through the restraint region) and negative elsewhere.
+    (the level sets go on through the restraint region) and negative elsewhere. Where
+    distances are bent, those at inside nodes and their gradients are worked out anew.
     """
     stack = np.zeros(64, np.int64)
     lower = np.zeros(64)
@@ -255,37 +344,39 @@ def finish_nodes(
                 n = (i * ny + j) * nz + k
                 if state[n] == NONE or slot[n] < 0:
                     continue
-                x, y, z = origin[0] + h * i, origin[1] + h * j, origin[2] + h * k
-                s = slot[n]
-                d2, qx, qy, qz = closest(tri, s, x, y, z)
-                r = np.sqrt(d2)
-                d[n] = r
-                if r > 1e-9:
-                    gx, gy, gz = (x - qx) / r, (y - qy) / r, (z - qz) / r
-                else:
-                    gx, gy, gz = -tri[s, 9], -tri[s, 10], -tri[s, 11]
-                if state[n] == RING:
-                    positive = False
-                    if len(brr_tri) > 0:
-                        q, e2 = nearest(
-                            brr_tri, brr_box, x, y, z, -1, d2 * (1.0 + 1e-9) + 1e-18, stack, lower
-                        )
-                        if q >= 0:
-                            if e2 < d2 * (1.0 - 1e-6):
-                                positive = True
-                            else:
-                                positive = gx * tri[s, 9] + gy * tri[s, 10] + gz * tri[s, 11] < 0.0
-                    if not positive:
-                        d[n] = -r
-                        gx, gy, gz = -gx, -gy, -gz
-                gradient[n, 0] = gx
-                gradient[n, 1] = gy
-                gradient[n, 2] = gz
+                if bent or state[n] == RING:
+                    x, y, z = origin[0] + h * i, origin[1] + h * j, origin[2] + h * k
+                    s = slot[n]
+                    d2, qx, qy, qz = closest(tri, s, x, y, z)
+                    r = np.sqrt(d2)
+                    d[n] = r
+                    if r > 1e-9:
+                        gx, gy, gz = (x - qx) / r, (y - qy) / r, (z - qz) / r
+                    else:
+                        gx, gy, gz = -tri[s, 9], -tri[s, 10], -tri[s, 11]
+                    if state[n] == RING:
+                        positive = False
+                        if len(brr_tri) > 0:
+                            bound = d2 * (1.0 + 1e-9) + 1e-18
+                            q, e2 = nearest(brr_tri, brr_box, x, y, z, -1, bound, stack, lower)
+                            if q >= 0:
+                                if e2 < d2 * (1.0 - 1e-6):
+                                    positive = True
+                                else:
+                                    positive = (
+                                        gx * tri[s, 9] + gy * tri[s, 10] + gz * tri[s, 11] < 0.0
+                                    )
+                        if not positive:
+                            d[n] = -r
+                            gx, gy, gz = -gx, -gy, -gz
+                    gradient[n, 0] = gx
+                    gradient[n, 1] = gy
+                    gradient[n, 2] = gz
                 if d[n] > r0:
                     level[n] = int(np.ceil((np.float64(d[n]) - r0) / t))
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def mark_hidden(state, d, gradient, level, h, ny, nz, first, last, r0, t, raised):
     """Mark the nodes between which and a neighbour a level is passed there and back.
 
@@ -317,7 +408,7 @@ def mark_hidden(state, d, gradient, level, h, ny, nz, first, last, r0, t, raised
                         raised[n if d[n] >= d[m] else m] = 1
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def mark_bridges(state, d, gradient, level, h, ny, nz, first, last, r0, t, raised):
     """Mark nodes through which a narrow level set goes on from a node to one diagonal to it.
 

@@ -284,3 +284,12 @@ def knots_for_timing(
     rows = np.concatenate([piece[0] for piece in pieces])
     shares = np.concatenate([piece[1] for piece in pieces])
     return rows, shares
+
+
+def passes_there(path_id: Ints) -> Ints:
+    """Count the passes that are there at poses of a job, by the pass of each, -1 on travel.
+
+    The pass that is being laid does not count: the nozzle stands in it.
+    """
+    begun = np.maximum.accumulate(path_id)
+    return np.where(path_id < 0, begun + 1, begun)
