@@ -110,6 +110,7 @@ class RealTimeLoop:
             gc.freeze()
             gc.disable()
             schedule = self._schedule = Schedule(period)
+            self._alone_since = time.monotonic()  # bringing the bus up took its time
             while not self._ended:
                 schedule.wait(motion.clock_correction)
                 self._watch_schedule()
