@@ -188,6 +188,7 @@ def make_vertices(
     edges,
     counts,
     members,
+    order,
     corner_step,
     ny,
     nz,
@@ -229,12 +230,13 @@ def make_vertices(
                     for c in range(8):
                         if level[n + corner_step[c]] > lev:
                             inside |= 1 << c
+                    at = 0
                     for part in range(counts[inside]):
                         real, beyond, kinds = 0, 0, 0
                         v[0] = v[1] = v[2] = 0.0
-                        for e in range(12):
-                            if members[inside, e] != part:
-                                continue
+                        while at < 12 and members[inside, order[inside, at]] == part:
+                            e = order[inside, at]
+                            at += 1
                             ca, cb = edges[e, 0], edges[e, 1]
                             na, nb = n + corner_step[ca], n + corner_step[cb]
                             u = crossing(d, gradient, level, lev, na, nb, e // 4, h, r)
