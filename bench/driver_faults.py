@@ -30,6 +30,7 @@ INJECTED = {
     "jam": "jam 0",
     "drive fault": "drive_fault 1",
     "safe torque off of one drive": "torque_off 3",
+    "emergency stop (all drives)": "emergency_stop",
     "limit switch": "limit_switch 0",
     "unplug after drive 2": "unplug 2",
     "lost frames (20)": "lose_frames 20",

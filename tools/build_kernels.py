@@ -107,6 +107,7 @@ def build(name: str, modules: Iterable[str]) -> int:
     from numba.pycc import CC, compiler
 
     compile_extra, options = compiler.compile_extra, {}
+    compiled.extra_options.update(no_cpython_wrapper=True, no_cfunc_wrapper=True, cache=False)
 
     def compile_kernel(
         typer: Any,

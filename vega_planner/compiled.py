@@ -29,6 +29,9 @@ LIBRARIES = Path(__file__).with_name("compiled")
 #: Names a file to which the signatures of calls are written.
 LOG_VARIABLE = "VEGA_KERNEL_LOG"
 
+#: What numba is told besides when it compiles a kernel; set-up calls none from Python.
+extra_options: dict[str, Any] = {}
+
 #: How each element type is written in a signature.
 _LETTERS = {np.dtype(t): t for t in ("f8", "f4", "i8", "i4", "i2", "i1", "u8", "u4", "u2", "u1")}
 _LETTERS[np.dtype(bool)] = "b1"
@@ -92,7 +95,8 @@ class Kernel:
             if self._dispatcher is None:
                 from numba import njit
 
-                self._dispatcher = njit(**self.targetoptions)(self.py_func)
+                options = {**self.targetoptions, **extra_options}
+                self._dispatcher = njit(**options)(self.py_func)
             return self._dispatcher
 
     @property

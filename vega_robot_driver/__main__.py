@@ -11,6 +11,7 @@ from pathlib import Path
 
 from vega_planner.errors import VegaError
 from vega_robot_driver.machine import read_machine
+from vega_robot_driver.priority import CYCLE, claim
 
 
 def main() -> int:
@@ -20,6 +21,8 @@ def main() -> int:
     drives = None
     try:
         machine = read_machine(folder)
+        if machine.paced:
+            claim(CYCLE)
         if machine.hardware == "emulated":
             from vega_robot_driver.emulators.drives_process import EmulatedDrives
 

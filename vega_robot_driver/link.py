@@ -215,6 +215,8 @@ class MachineLink:
                 code, _, reason = text.partition(" ")
                 raise error_class(int(code))(reason)
             if process.poll() is not None:
+                if failed.is_file() and failed.read_text():
+                    continue  # it has said why in the meantime
                 raise DriverError(
                     f"the real-time process ended with {process.returncode}; "
                     f"see {self.folder / 'process.log'}"

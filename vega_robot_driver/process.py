@@ -12,7 +12,6 @@ from __future__ import annotations
 import contextlib
 import gc
 import io
-import os
 import queue
 import signal
 import socket
@@ -34,6 +33,7 @@ from vega_robot_driver.job import PrintJob
 from vega_robot_driver.link import RequestServer
 from vega_robot_driver.machine import Machine
 from vega_robot_driver.operations import Operations
+from vega_robot_driver.priority import CYCLE, HELPERS, claim
 from vega_robot_driver.recording.ring import Ring
 from vega_robot_driver.recovery import recover_checkpoint
 from vega_robot_driver.schedule import MOST_OVERRUNS, Schedule
@@ -49,8 +49,6 @@ SIMULATION_PERIOD = 0.005
 SIMULATION_SILENCE = 0.5
 #: Time after which a thread that answers requests lets the cycle go first [s].
 SWITCH_INTERVAL = 0.0003
-#: Priorities of the cycle and of the threads beside it, where real-time scheduling is granted.
-CYCLE_PRIORITY, HELPER_PRIORITY = 80, 60
 
 
 class RealTimeLoop:
@@ -112,6 +110,7 @@ class RealTimeLoop:
             gc.freeze()
             gc.disable()
             schedule = self._schedule = Schedule(period)
+            self._alone_since = time.monotonic()  # bringing the bus up took its time
             while not self._ended:
                 schedule.wait(motion.clock_correction)
                 self._watch_schedule()
@@ -254,12 +253,10 @@ def _raise_priority(batched: bool) -> None:
         return
     import ctypes
 
-    with contextlib.suppress(OSError):
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(CYCLE_PRIORITY))
-        for thread in threading.enumerate():
-            if thread is not threading.current_thread() and thread.native_id:
-                param = os.sched_param(HELPER_PRIORITY)
-                os.sched_setscheduler(thread.native_id, os.SCHED_FIFO, param)
+    for thread in threading.enumerate():
+        if thread.native_id:
+            mine = thread is threading.current_thread()
+            claim(CYCLE if mine else HELPERS, thread.native_id)
     with contextlib.suppress(OSError):
         ctypes.CDLL(None).mlockall(3)
 

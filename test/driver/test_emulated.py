@@ -66,7 +66,7 @@ def at_rest_and_off(folder: Path) -> Callable[[], bool]:
     return check
 
 
-def test_prints_to_the_end_at_least_five_times_faster_than_real_time(start, tmp_path):
+def test_prints_to_the_end_over_the_line(start, tmp_path):
     link = start()
     link.ask("enable")
     send(link, zigzag_job(2))

@@ -133,6 +133,22 @@ def test_a_reading_whose_answer_is_damaged_or_lost_is_asked_for_again(
     assert dispenser.fault == ""
 
 
+def test_an_answer_that_comes_too_late_does_not_spoil_the_next(opened, device):
+    dispenser = opened(device, timeout_s=0.15)
+    byte = device._byte
+    slow = [0.2]
+
+    def slowly(seconds=0.1):
+        found = byte(seconds)
+        if found == b"\x05" and slow:
+            time.sleep(slow.pop())
+        return found
+
+    device._byte = slowly
+    while slow:  # the first byte may have been asked for before
+        assert dispenser.read_pressure() == 130e3
+
+
 def test_a_silent_dispenser_times_out(opened, device):
     dispenser = opened(device)
     device.misbehaviour = "silent"

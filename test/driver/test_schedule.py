@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import gc
 import socket
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -137,3 +139,24 @@ def test_repeated_overruns_are_a_fault_where_the_axes_do_not_wait(tmp_path, batc
         running._schedule.wait()
         running._watch_schedule()
     assert running._executor.state == state
+
+
+def test_a_bus_that_took_long_to_come_up_still_waits_for_its_client(tmp_path):
+    """Time without a client is counted from the first cycle, not from the process's start."""
+    running = loop(tmp_path, machine(orphan_s=0.2, record=False))
+    running._executor.motion.open = lambda: time.sleep(0.3)
+    cycles = []
+
+    def advance(count):
+        cycles.append(count)
+        running._ended = running._ended or len(cycles) > 3
+
+    running._executor.advance = advance
+    interval = sys.getswitchinterval()
+    try:
+        running.run()
+    finally:  # it takes the interpreter for its own
+        sys.setswitchinterval(interval)
+        gc.enable()
+        gc.unfreeze()
+    assert len(cycles) > 3

@@ -11,7 +11,7 @@ from builtin_interfaces.msg import Duration
 from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
-from ros_processes import until
+from ros_processes import Process, until
 from synthetic import JOINTS
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
@@ -54,6 +54,21 @@ def told(other):
     told.close()
 
 
+@pytest.fixture
+def start(start_driver, told):
+    """Start a driver on emulated drives and wait until it speaks.
+
+    Services of one that another test killed seem to be there for a while.
+    """
+
+    def begin(**parameters: Any) -> Process:
+        process = start_driver(hardware="emulated", time_scale=20.0, **parameters)
+        until(lambda: told.message("machine"))
+        return process
+
+    return begin
+
+
 def change(session: Any, transition: int) -> bool:
     until(session._change.service_is_ready)
     request = ChangeState.Request(transition=Transition(id=transition))
@@ -69,9 +84,9 @@ def motion(*rows: tuple[float, ...]) -> JointTrajectory:
 
 
 def test_transitions_bring_the_bus_up_power_the_axes_and_take_both_away(
-    other, start_driver, told, tmp_path
+    other, start, told, tmp_path
 ):
-    start_driver(hardware="emulated", time_scale=20.0)
+    start()
     assert change(other, Transition.TRANSITION_CONFIGURE)
     pid = StatusPage(tmp_path / "machine").read().pid
     until(lambda: told.axes() == {"switch on disabled"})
@@ -98,10 +113,8 @@ def test_transitions_bring_the_bus_up_power_the_axes_and_take_both_away(
     until(lambda: not Path(f"/proc/{pid}").exists())
 
 
-def test_a_joint_trajectory_is_replayed_on_the_drives_without_deposition(
-    other, start_driver, tmp_path
-):
-    start_driver(hardware="emulated", time_scale=20.0)
+def test_a_joint_trajectory_is_replayed_on_the_drives_without_deposition(other, start, tmp_path):
+    start()
     other.bring_up()
     rows = ((0.0,) * 5, (0.01, 0.005, -0.02, 0.1, 0.0), (0.02, 0.0, -0.03, 0.0, 0.1))
     result = other.execute(ExecutePrint.Goal(joint_trajectory=motion(*rows)), silent)
@@ -111,10 +124,10 @@ def test_a_joint_trajectory_is_replayed_on_the_drives_without_deposition(
     assert abs(status.positions - rows[-1]).max() < 1e-5
 
 
-def test_a_machine_file_that_lacks_something_fails_the_transition(other, start_driver, tmp_path):
+def test_a_machine_file_that_lacks_something_fails_the_transition(other, start, tmp_path):
     """The log says what; the node goes on."""
     (tmp_path / "bus.yaml").write_text("bus: {}\naxes: []\n")
-    process = start_driver(hardware="emulated", machine=str(tmp_path / "bus.yaml"))
+    process = start(machine=str(tmp_path / "bus.yaml"))
     assert not change(other, Transition.TRANSITION_CONFIGURE)
     assert process.running
     until(lambda: "bus lacks 'interface'" in process.log.read_text())

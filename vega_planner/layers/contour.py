@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,7 @@ import numpy as np
 from vega_planner.datatypes import Floats, Ints
 from vega_planner.layers import contour_kernels as kernels
 from vega_planner.layers import face_kernels
-from vega_planner.layers.contour_tables import component_tables
+from vega_planner.layers.contour_tables import component_tables, edge_orders
 from vega_planner.layers.distance_field import DistanceField
 from vega_planner.layers.geodesic import Sources
 from vega_planner.layers.grid import Grid
@@ -56,10 +55,9 @@ def contour_levels(
         One sheet for each level from the first to the deepest that is met.
     """
     edges, counts, members = component_tables()
+    order = edge_orders()
     _, ny, nz = grid.shape
-    corner_step = np.array(
-        [(c & 1) * ny * nz + (c >> 1 & 1) * nz + (c >> 2 & 1) for c in range(8)]
-    )
+    corner_step = grid.corner_step
     slabs = grid.slabs(32)
     h, origin, state = grid.spacing, grid.origin, grid.state
     narrow = len(sources.box) == 0
@@ -107,62 +105,45 @@ def contour_levels(
     map_threads(
         lambda s: make_vertices(
             *source_set, *brr_set, origin, h, state, grid.distance, grid.slot, grid.gradient,
-            grid.level, leave, r0, t, edges, counts, members, corner_step, ny, nz, *s,
+            grid.level, leave, r0, t, edges, counts, members, order, corner_step, ny, nz, *s,
             base, position, vertex_level, vertex_slot, is_rim, inward,
         ),
         slabs,
     )  # fmt: skip
-    quads = _quads(grid, sources, leave, r0, t, counts, members, corner_step, slabs, base)
-    faces = np.zeros((2 * len(quads), 3), np.int64)
-    pieces = [len(quads) * k // 16 for k in range(17)]
-    split_quads: Any = face_kernels.split_quads
-    map_threads(
-        lambda s: split_quads(
-            sources.tri,
-            *sources.rings,
-            position,
-            vertex_level,
-            vertex_slot,
-            inward,
-            quads,
-            *s,
-            r0,
-            t,
-            faces,
-        ),
-        list(pairwise(pieces)),
-    )
-    return _by_level(position, vertex_level, vertex_slot, is_rim, inward, faces, r0, t)
-
-
-def _quads(grid, sources, leave, r0, t, counts, members, corner_step, slabs, base):
-    """Collect the quads of all slabs in order."""
-    _, ny, nz = grid.shape
-
-    def collect(slab: tuple[int, int]) -> Ints:
-        arguments = (
-            sources.tri, grid.origin, grid.spacing, grid.state, grid.distance, grid.slot,
-            grid.level, leave, r0, t, counts, members, corner_step, ny, nz, *slab, base,
-        )  # fmt: skip
-        quads = np.zeros(
-            (face_kernels.make_quads(*arguments, np.zeros((0, 4), np.int64)), 4), np.int64
-        )
-        if len(quads):
-            face_kernels.make_quads(*arguments, quads)
-        return quads
-
-    return np.concatenate(map_threads(collect, slabs))
-
-
-def _by_level(position, vertex_level, vertex_slot, is_rim, inward, faces, r0, t):
-    """Sort vertices and faces into one sheet per level."""
     levels = int(vertex_level.max(initial=-1)) + 1
-    used = np.zeros(len(position), np.uint8)
-    ends, face_ends = np.zeros(levels + 1, np.int64), np.zeros(levels + 1, np.int64)
-    face_kernels.count_by_level(position, vertex_level, faces, used, ends, face_ends)
-    mine = np.zeros(ends[-1], np.int64)
-    sorted_faces = np.zeros((face_ends[-1], 3), np.int64)
-    face_kernels.sort_by_level(vertex_level, faces, used, ends, face_ends, mine, sorted_faces)
+    used = np.zeros(total, np.uint8)
+
+    def join(slab: tuple[int, int]) -> tuple[Ints, Ints]:
+        most = face_kernels.count_crossings(grid.level, state, ny, nz, *slab)
+        quads, counts_here = np.zeros((most, 4), np.int64), np.zeros(levels, np.int64)
+        count = face_kernels.make_quads(
+            sources.tri, origin, h, state, grid.distance, grid.slot, grid.level, leave, r0, t,
+            counts, members, corner_step, ny, nz, *slab, base, quads,
+        )  # fmt: skip
+        faces = np.zeros((2 * count, 3), np.int64)
+        face_kernels.split_quads(
+            sources.tri, *sources.rings, position, vertex_level, vertex_slot, inward, quads, count,
+            r0, t, faces,
+        )  # fmt: skip
+        face_kernels.count_by_level(position, vertex_level, faces, used, counts_here)
+        return faces, counts_here
+
+    joined = map_threads(join, slabs)
+    ends, mine = np.zeros(levels + 1, np.int64), np.zeros(total, np.int64)
+    number = np.zeros(total, np.int32)
+    face_kernels.number_by_level(vertex_level, used, ends, mine, number)
+    # The faces of a level in the order of the slabs.
+    face_counts = np.array([counts_here for _, counts_here in joined])
+    face_starts = np.cumsum(face_counts.T.ravel()) - face_counts.T.ravel()
+    face_ends = np.append(face_starts[:: len(slabs)], face_counts.sum())
+    sorted_faces = np.zeros((face_counts.sum(), 3), np.int64)
+    map_threads(
+        lambda piece: face_kernels.sort_by_level(
+            vertex_level, joined[piece][0], number, face_starts[piece :: len(slabs)].copy(),
+            sorted_faces,
+        ),
+        range(len(slabs)),
+    )  # fmt: skip
     levels = int(np.searchsorted(ends, ends[-1]))
 
     def sheet(k: int) -> Sheet:

@@ -188,6 +188,7 @@ def make_vertices(
     edges,
     counts,
     members,
+    order,
     corner_step,
     ny,
     nz,
@@ -209,6 +210,7 @@ def make_vertices(
     limits = np.zeros(24)
     v = np.zeros(3)
     virtual = np.zeros((12, 3))
+    seen = np.zeros((9, 3))
     for i in range(first, last):
         for j in range(ny - 1):
             for k in range(nz - 1):
@@ -228,12 +230,13 @@ def make_vertices(
                     for c in range(8):
                         if level[n + corner_step[c]] > lev:
                             inside |= 1 << c
+                    at = 0
                     for part in range(counts[inside]):
                         real, beyond, kinds = 0, 0, 0
                         v[0] = v[1] = v[2] = 0.0
-                        for e in range(12):
-                            if members[inside, e] != part:
-                                continue
+                        while at < 12 and members[inside, order[inside, at]] == part:
+                            e = order[inside, at]
+                            at += 1
                             ca, cb = edges[e, 0], edges[e, 1]
                             na, nb = n + corner_step[ca], n + corner_step[cb]
                             u = crossing(d, gradient, level, lev, na, nb, e // 4, h, r)
@@ -306,6 +309,8 @@ def make_vertices(
                         v[1] /= total
                         v[2] /= total
                         hint = sheets[0]
+                        fx, fy, fz = 0.0, 0.0, 0.0
+                        know_foot = False
                         if beyond == 0 and kinds == 1:
                             # Least cosine between the sheet and any other in the cell.
                             least = 1.0
@@ -338,11 +343,12 @@ def make_vertices(
                                 # triangle may become nearer, by as much as it is turned.
                                 if (r - e2) * (1.0 - least) < 5e-5:
                                     break
+                            know_foot = least >= 0.9
                             # Where another sheet is about, make sure that it is not nearer.
                             if least < 0.9:
                                 hint = settle_about(
-                                    tri, corner, ring_start, ring, r, slot, origin, h, corner_step,
-                                    hint, v,
+                                    tri, corner, ring_start, ring, r, slot, d, gradient, origin,
+                                    h, corner_step, hint, v, seen,
                                 )  # fmt: skip
                         else:
                             wall_count = 0
@@ -376,15 +382,17 @@ def make_vertices(
                                 )  # fmt: skip
                             else:
                                 hint = settle_about(
-                                    tri, corner, ring_start, ring, r, slot, origin, h, corner_step,
-                                    hint, v,
+                                    tri, corner, ring_start, ring, r, slot, d, gradient, origin,
+                                    h, corner_step, hint, v, seen,
                                 )  # fmt: skip
                         position[vertex, 0] = v[0]
                         position[vertex, 1] = v[1]
                         position[vertex, 2] = v[2]
                         vertex_slot[vertex] = hint
-                        d2, fx, fy, fz = closest(tri, hint, v[0], v[1], v[2])
-                        e2 = max(np.sqrt(d2), 1e-12)
+                        if not know_foot:
+                            _, fx, fy, fz = closest(tri, hint, v[0], v[1], v[2])
+                        e2 = (v[0] - fx) ** 2 + (v[1] - fy) ** 2 + (v[2] - fz) ** 2
+                        e2 = max(np.sqrt(e2), 1e-12)
                         inward[vertex, 0] = (v[0] - fx) / e2
                         inward[vertex, 1] = (v[1] - fy) / e2
                         inward[vertex, 2] = (v[2] - fz) / e2

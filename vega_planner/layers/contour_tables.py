@@ -74,3 +74,13 @@ def component_tables() -> tuple[Ints, Ints, Ints]:
                 members[inside, edge] = names.setdefault(root(edge), len(names))
         counts[inside] = len(names)
     return np.array(edges), counts, members
+
+
+@lru_cache(maxsize=1)
+def edge_orders() -> Ints:
+    """List the edges of each of the 256 cells by the vertex they belong to, (256, 12).
+
+    Edges that are not crossed come last.
+    """
+    _, _, members = component_tables()
+    return np.argsort(np.where(members < 0, 12, members), axis=1, kind="stable")

@@ -17,6 +17,7 @@ room g = m - (N + 1) t behind a band:
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -114,13 +115,17 @@ def fill_core(
         The sheets of the core, and what changes of the envelope sheets.
     """
     sliver = SLIVER_RATIO * t / 2
-    fronts = [thin_walls(part, grid, field, brr, t / 2 + sliver)]
-    fronts += map_threads(
-        lambda item: sheet_front(item[0], item[1], grid, field, brr, t, sliver),
-        list(enumerate(sheets)),
-    )
-    gaps = [face_gaps(front, t) for front in fronts]
-    moving = _amount(fronts, gaps, t) > TOLERATED_RATIO * part.volume
+
+    def look(k: int) -> tuple[Front, tuple[Floats, Bools], Floats, Ints]:
+        if k < 0:
+            front = thin_walls(part, grid, field, brr, t / 2 + sliver)
+        else:
+            front = sheet_front(k, sheets[k], grid, field, brr, t, sliver)
+        piece = connected_pieces(len(front.vertices), front.faces)
+        return front, face_gaps(front, t), face_areas(front), piece
+
+    fronts, gaps, areas, pieces = zip(*map_threads(look, range(-1, len(sheets))))
+    moving = _amount(fronts, gaps, areas, t) > TOLERATED_RATIO * part.volume
     thickness = [np.full(len(sheet.vertices), t) for sheet in sheets]
     kept = [np.ones(len(sheet.faces), bool) for sheet in sheets]
     cores: list[Layer] = []
@@ -129,7 +134,10 @@ def fill_core(
     spread = spread_room(walls)
     _add(cores, field, walls, gap < MIDDLE_RATIO * t, spread, 0.0, True, t)
     budget = staying_ratio * part.volume
-    leaving = _leaving(fronts[1:], gaps[1:], t, sliver, budget, moving, grid.spacing, field, brr)
+    leaving = _leaving(
+        fronts[1:], gaps[1:], areas[1:], pieces[1:], t, sliver, budget, moving, grid.spacing,
+        field, brr,
+    )  # fmt: skip
     for k, (front, (gap, opposed)) in enumerate(zip(fronts[1:], gaps[1:])):
         moved, slivers = leaving[k]
         kept[k] &= ~moved & ~slivers
@@ -152,16 +160,19 @@ def fill_core(
         if not following.any():
             continue
         if k < len(sheets):
-            ahead = front.feet[front.faces].mean(1) + (k + 0.5) * t * face_inward(front)
+            rows = np.flatnonzero(following)
+            ahead = front.feet[front.faces[rows]].mean(1)
+            ahead += (k + 0.5) * t * face_inward(front, rows)
             there = [(sheets[k].vertices, sheets[k].faces[kept[k]])]
             moved_sheet = last[k]
             if moved_sheet is not None:
                 there.append((moved_sheet.vertices, moved_sheet.faces))
             for vertices, faces in there:
                 if len(faces):
-                    rows = np.flatnonzero(following)
-                    gone = DistanceField(vertices, faces).distances(ahead[rows]) > t / 2
-                    following[rows] = gone
+                    gone = DistanceField(vertices, faces).distances(ahead) > t / 2
+                    rows, ahead = rows[gone], ahead[gone]
+            following = np.zeros(len(following), bool)
+            following[rows] = True
         _add(cores, field, front, following, spread_room(front), k * t, False, t)
     _join_core(cores, sheets, thickness, kept)
     return Core(tuple(cores), tuple(thickness), tuple(kept))
@@ -191,8 +202,10 @@ def _join_core(
 
 
 def _leaving(
-    fronts: list[Front],
-    gaps: list[tuple[Floats, Bools]],
+    fronts: Sequence[Front],
+    gaps: Sequence[tuple[Floats, Bools]],
+    all_areas: Sequence[Floats],
+    pieces: Sequence[Ints],
     t: float,
     sliver: float,
     budget: float,
@@ -209,6 +222,8 @@ def _leaving(
     Args:
         fronts: The sheets with their rooms.
         gaps: Gap behind each of their faces.
+        all_areas: Areas of their faces [mm²].
+        pieces: The connected piece each face belongs to.
         t: Layer thickness [mm].
         sliver: Half the width of a sliver [mm].
         budget: Volume left open or laid twice [mm³].
@@ -221,7 +236,6 @@ def _leaving(
         For each sheet the faces of pieces that move to the middle of their room, and
         faces of slivers, which are made anew from the layer before.
     """
-    pieces: list[Ints] = []
     moves: list[Bools] = []
     slivers: list[Bools] = []
     lasting: list[tuple[float, int, int]] = []
@@ -229,8 +243,7 @@ def _leaving(
     for k in reversed(range(len(fronts))):
         front, (gap, _) = fronts[k], gaps[k]
         own = gap < t / 2
-        piece = connected_pieces(len(front.vertices), front.faces)
-        areas = face_areas(front)
+        piece, areas = pieces[k], all_areas[k]
         total = np.bincount(piece, areas)
         count = len(total)
         leaves = np.bincount(piece, areas * own, count) > MOVING_SHARE * total
@@ -250,7 +263,6 @@ def _leaving(
             least = candidates[np.argmin(harm[candidates])]
             lasting.append((float(harm[least]), k, int(least)))
         deeper = deeper or not leaves.all()
-        pieces.insert(0, piece)
         moves.insert(0, leaves & ~narrow)
         slivers.insert(0, narrow)
     for harm_done, k, number in sorted(lasting):
@@ -268,15 +280,20 @@ def connected_pieces(count: int, faces: Ints) -> Ints:
     return piece
 
 
-def _amount(fronts: list[Front], gaps: list[tuple[Floats, Bools]], t: float) -> float:
+def _amount(
+    fronts: Sequence[Front],
+    gaps: Sequence[tuple[Floats, Bools]],
+    all_areas: Sequence[Floats],
+    t: float,
+) -> float:
     """Estimate the volume left open or laid twice if no sheet moves [mm³]."""
     total = 0.0
-    for front, (gap, opposed) in zip(fronts, gaps):
+    for front, (gap, opposed), areas in zip(fronts, gaps, all_areas):
         if front.level < 0 or len(front.faces) == 0:
             continue
         filled = opposed & (gap >= t / 4)
         off = np.where((gap < t / 2) & ~filled, np.abs(gap) / 2, 0.0)
-        total += float((face_areas(front) * off).sum())
+        total += float((areas * off).sum())
     return total
 
 

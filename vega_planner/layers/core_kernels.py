@@ -96,18 +96,11 @@ def measure_room(tri, box, brr_tri, brr_box, feet, inward, limit, first, last, r
                     found = REGION
         if found == OPEN or free >= limit:
             continue
-        _, d2 = nearest(
-            tri,
-            box,
-            feet[i, 0] + free * nx,
-            feet[i, 1] + free * ny,
-            feet[i, 2] + free * nz,
-            -1,
-            1e300,
-            stack,
-            lower,
-        )
-        if np.sqrt(d2) < 0.93 * free:
+        nearer, _ = nearest(
+            tri, box, feet[i, 0] + free * nx, feet[i, 1] + free * ny, feet[i, 2] + free * nz, -1,
+            (0.93 * free) ** 2, stack, lower,
+        )  # fmt: skip
+        if nearer >= 0:
             continue
         room[i] = free
         kind[i] = found
@@ -134,3 +127,30 @@ def average_rooms(faces, room, opposed, first, gap, meets):
             if opposed[v]:
                 meets[f] = True
         gap[f] = total / count - first if count else np.inf
+
+
+@kernel
+def carry_rooms(faces, room, carried):
+    """Give corners without a room the mean of what faces with measured corners have.
+
+    Args:
+        faces: Vertex indices, (m, 3).
+        room: Room at the vertices, infinite where not measured, (n,).
+        carried: Result, (n,).
+    """
+    total, count = np.zeros(len(room)), np.zeros(len(room), np.int64)
+    for f in range(len(faces)):
+        mean, ends = 0.0, 0
+        for c in range(3):
+            if room[faces[f, c]] < 1e300:
+                mean += room[faces[f, c]]
+                ends += 1
+        if ends == 0 or ends == 3:
+            continue
+        for c in range(3):
+            v = faces[f, c]
+            if room[v] >= 1e300:
+                total[v] += mean / ends
+                count[v] += 1
+    for v in range(len(room)):
+        carried[v] = total[v] / count[v] if count[v] else room[v]

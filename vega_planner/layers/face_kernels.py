@@ -31,6 +31,22 @@ def vertex_of(level, corner_step, counts, members, base, cell, lev, edge):
 
 
 @kernel
+def count_crossings(level, state, ny, nz, first, last):
+    """Count where edges of the grid cross levels, and may do so inside the part."""
+    step = (ny * nz, nz, 1)
+    total = 0
+    for i in range(first, last):
+        for j in range(1, ny - 1):
+            for k in range(1, nz - 1):
+                n = (i * ny + j) * nz + k
+                for axis in range(3):
+                    m = n + step[axis]
+                    if state[n] == INSIDE or state[m] == INSIDE:
+                        total += abs(np.int64(level[n]) - level[m])
+    return total
+
+
+@kernel
 def make_quads(
     tri,
     origin,
@@ -54,8 +70,6 @@ def make_quads(
 ):
     """Join the vertices around each crossed edge, outward side up.
 
-    Called twice: with empty `quads` it only counts.
-
     Returns:
         Number of quads.
     """
@@ -77,9 +91,6 @@ def make_quads(
                         if not is_real(
                             tri, origin, h, state, d, slot, leave, n, axis, step[axis], ny, nz, r
                         ):  # fmt: skip
-                            continue
-                        if len(quads) == 0:
-                            total += 1
                             continue
                         ring[0] = vertex_of(
                             level, corner_step, counts, members, base, n, lev, 4 * axis
@@ -111,14 +122,13 @@ def split_quads(
     vertex_slot,
     inward,
     quads,
-    first,
-    last,
+    count,
     r0,
     t,
     faces,
 ):
     """Split each quad along the diagonal that lies nearer to the level set."""
-    for q in range(first, last):
+    for q in range(count):
         a, b, c, e = quads[q, 0], quads[q, 1], quads[q, 2], quads[q, 3]
         r = r0 + t * vertex_level[a]
         bulge_ac, bulge_be = 0.0, 0.0
@@ -155,11 +165,11 @@ def split_quads(
 
 
 @kernel
-def count_by_level(position, vertex_level, faces, used, vertex_start, face_start):
-    """Count the vertices and faces of each level, and leave out faces without an area.
+def count_by_level(position, vertex_level, faces, used, counts):
+    """Count the faces of each level, and leave out those without an area.
 
     A face with two corners at one place gets -1 as its first corner; `used` marks the
-    vertices of the others. The starts become running sums, level + 1 ending at start.
+    vertices of the others.
     """
     for f in range(len(faces)):
         same = False
@@ -175,27 +185,37 @@ def count_by_level(position, vertex_level, faces, used, vertex_start, face_start
             continue
         for e in range(3):
             used[faces[f, e]] = 1
-        face_start[vertex_level[faces[f, 0]] + 1] += 1
-    for v in range(len(used)):
-        if used[v]:
-            vertex_start[vertex_level[v] + 1] += 1
-    for lev in range(len(face_start) - 1):
-        face_start[lev + 1] += face_start[lev]
-        vertex_start[lev + 1] += vertex_start[lev]
+        counts[vertex_level[faces[f, 0]]] += 1
 
 
 @kernel
-def sort_by_level(vertex_level, faces, used, vertex_start, face_start, rows, sorted_faces):
-    """List the vertices level by level, and the faces with their numbers in that level."""
-    fill = vertex_start.copy()
-    number = np.zeros(len(used), np.int32)
+def number_by_level(vertex_level, used, start, rows, number):
+    """List the used vertices level by level.
+
+    Args:
+        vertex_level: Level of each vertex.
+        used: 1 for vertices of faces.
+        start: Result: where each level begins, (levels + 1,); zero at first.
+        rows: Result: the vertices of all levels one after the other.
+        number: Result: number of each vertex within its level.
+    """
+    for v in range(len(used)):
+        if used[v]:
+            start[vertex_level[v] + 1] += 1
+    for lev in range(len(start) - 1):
+        start[lev + 1] += start[lev]
+    fill = start.copy()
     for v in range(len(used)):
         if used[v]:
             lev = vertex_level[v]
             rows[fill[lev]] = v
-            number[v] = fill[lev] - vertex_start[lev]
+            number[v] = fill[lev] - start[lev]
             fill[lev] += 1
-    fill = face_start.copy()
+
+
+@kernel
+def sort_by_level(vertex_level, faces, number, fill, sorted_faces):
+    """Put faces in the places of their levels, with the numbers of their corners there."""
     for f in range(len(faces)):
         if faces[f, 0] >= 0:
             lev = vertex_level[faces[f, 0]]

@@ -108,7 +108,7 @@ def field_layers(part: Part, settings: LayerSettings, report: Report) -> LayerSt
     if len(sources.box):
         sheets = with_summits(grid, field, brr, sheets, t, SLIVER_RATIO * t / 2)
     sheets = map_threads(
-        lambda sheet: tidy_sheet(refine_sheet(sheet, sources, brr), sources, t), sheets
+        lambda sheet: tidy_sheet(refine_sheet(sheet, grid, sources, brr), sources, t), sheets
     )
     core = Core.nothing(sheets, t)
     if settings.fill_core:
@@ -158,11 +158,12 @@ def envelopes(sheets: list[Sheet], core: Core) -> list[Layer]:
         sheet = sheets[k]
         kept = core.kept[k]
         # Two open edges and the one opposite to them are all on the rim.
-        along = np.flatnonzero(sheet.rim[sheet.faces].all(1))
-        if len(along):
-            beside = np.flatnonzero(sheet.rim[sheet.faces].sum(1) >= 2)
+        corners = sheet.rim[sheet.faces].sum(1)
+        if (corners == 3).any():
+            beside = np.flatnonzero(corners >= 2)
+            ears = folded_ears(sheet.vertices, sheet.faces[beside])
             kept = kept.copy()
-            kept[beside[folded_ears(sheet.vertices, sheet.faces[beside])]] = False
+            kept[beside[ears & (corners[beside] == 3)]] = False
         vertices, faces, thickness = kept_faces(sheet, kept, core.thickness[k])
         return Layer(
             index=k,

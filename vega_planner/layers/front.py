@@ -179,7 +179,8 @@ def _measure(
 
 def face_middles(front: Front) -> Floats:
     """Middles of the faces [mm], shape (m, 3)."""
-    return np.asarray(front.vertices[front.faces].mean(1))
+    a, b, c = front.faces.T
+    return np.asarray((front.vertices[a] + front.vertices[b] + front.vertices[c]) / 3)
 
 
 def face_areas(front: Front) -> Floats:
@@ -203,20 +204,13 @@ def face_gaps(front: Front, t: float) -> tuple[Floats, Bools]:
 
 def spread_room(front: Front) -> Floats:
     """Carry the room over to the corners that faces share with measured ones."""
-    room = front.room[front.faces]
-    ends = np.isfinite(room)
-    mean = np.where(ends, room, 0).sum(1) / np.maximum(ends.sum(1), 1)
-    total, count = np.zeros(len(front.vertices)), np.zeros(len(front.vertices))
-    for corner in range(3):
-        open_corner = ends.any(1) & ~ends[:, corner]
-        np.add.at(total, front.faces[open_corner, corner], mean[open_corner])
-        np.add.at(count, front.faces[open_corner, corner], 1)
-    carried = np.where(count > 0, total / np.maximum(count, 1), np.inf)
-    return np.where(np.isfinite(front.room), front.room, carried)
+    carried = np.zeros(len(front.room))
+    kernels.carry_rooms(np.ascontiguousarray(front.faces, np.int64), front.room, carried)
+    return carried
 
 
-def face_inward(front: Front) -> Floats:
-    """Mean unit direction inwards at the faces, shape (m, 3)."""
-    mean = front.inward[front.faces].mean(1)
+def face_inward(front: Front, rows: Ints) -> Floats:
+    """Mean unit direction inwards at some of the faces, shape (len(rows), 3)."""
+    mean = front.inward[front.faces[rows]].mean(1)
     length = np.linalg.norm(mean, axis=1, keepdims=True)
     return mean / np.where(length > 0, length, 1.0)

@@ -53,6 +53,19 @@ class Grid:
         """Positions of nodes [mm], shape (n, 3)."""
         return self.origin + self.spacing * np.stack(np.unravel_index(nodes, self.shape), axis=1)
 
+    @property
+    def corner_step(self) -> np.ndarray:
+        """Steps from a node to the eight corners of the cell that begins there."""
+        _, ny, nz = self.shape
+        return np.array([(c & 1) * ny * nz + (c >> 1 & 1) * nz + (c >> 2 & 1) for c in range(8)])
+
+    @property
+    def about(self) -> tuple[Any, ...]:
+        """What the search for the sheets about a point needs."""
+        return (
+            self.slot, self.distance, self.gradient, self.origin, self.spacing, self.corner_step
+        )  # fmt: skip
+
     def slabs(self, count: int = SLABS) -> list[tuple[int, int]]:
         """Cut the planes i = 1 .. nx - 2 into slabs (first, last)."""
         return plane_slabs(self.shape[0], count)

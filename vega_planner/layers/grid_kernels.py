@@ -11,7 +11,13 @@ from __future__ import annotations
 import numpy as np
 
 from vega_planner.compiled import kernel
-from vega_planner.layers.triangle_kernels import closest, measure, nearest, walk
+from vega_planner.layers.triangle_kernels import (
+    SAME_BASIN,
+    closest,
+    measure,
+    nearest,
+    walk,
+)
 
 #: States of a node.
 NONE, RING, INSIDE = 0, 1, 2
@@ -24,9 +30,6 @@ UNKNOWN = np.float32(1e30)
 
 #: Whether a node waits to be swept, has been, or has its exact triangle from the start.
 DONE, FRESH, STALE = 0, 1, 2
-
-#: Cosine between two gradients above which neighbours see one smooth sheet (8 degrees).
-SAME_BASIN = 0.99
 
 #: Half the width of the narrowest level sets that are looked for between nodes [mm].
 HIDDEN_MM = 0.02
@@ -249,8 +252,8 @@ def sweep(
                         side = q
                 if side < 0:
                     continue
-                current = slot[n]
-                best = slot[np.uint64(np.int64(n) + step[side])]
+                current = np.int64(slot[n])
+                best = np.int64(slot[np.uint64(np.int64(n) + step[side])])
                 now = current
                 reach = np.float64(known[n, 0])
                 if best != current and nearest_foot < reach * reach:
@@ -269,8 +272,8 @@ def sweep(
                         + known[n, 3] * known[m, 3]
                     ) > SAME_BASIN:
                         continue
-                    s = slot[m]
-                    if s == now or s == best or s == current:
+                    s = np.int64(slot[m])
+                    if s in (now, best, current):
                         continue
                     again = False
                     for p in range(count):

@@ -5,12 +5,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from vega_planner.datatypes import Ints
 from vega_planner.layers import refine_kernels as kernels
+from vega_planner.layers import subdivide_kernels as edges
 from vega_planner.layers.contour import Sheet
 from vega_planner.layers.distance_field import DistanceField
 from vega_planner.layers.geodesic import Sources
-from vega_planner.layers.subdivide import split_faces
+from vega_planner.layers.grid import Grid
 
 #: Edges are halved while their middle is farther than this from the level set [mm].
 TOLERANCE_MM = 0.012
@@ -25,84 +25,92 @@ CENTRE_MM = 0.18
 CENTRE_ROUNDS = 2
 
 
-def refine_sheet(sheet: Sheet, sources: Sources, brr: DistanceField | None) -> Sheet:
+def refine_sheet(sheet: Sheet, grid: Grid, sources: Sources, brr: DistanceField | None) -> Sheet:
     """Halve the edges of a sheet whose middles are off the level set.
 
     Args:
         sheet: The sheet; its vertices are on the level set.
+        grid: Distances at the nodes.
         sources: What distances are measured from.
         brr: Distances to the restraint region, or None where there is none.
 
     Returns:
         The refined sheet, its old vertices first.
     """
-    tri, rings = sources.tri, sources.rings
-    brr_tri = brr.tri if brr else np.zeros((0, 16))
-    brr_box = brr.box if brr else np.zeros((1, 6))
-    active: Ints = np.arange(len(sheet.faces))
+    first = 0
     for _ in range(ROUNDS):
-        faces = np.ascontiguousarray(sheet.faces[active])
-        flagged = np.zeros((len(faces), 3), np.uint8)
-        found = kernels.flag_edges(
-            tri, *rings, sheet.vertices, sheet.inward, sheet.slots, faces, 0, len(faces),
-            sheet.depth, TOLERANCE_MM, flagged,
-        )  # fmt: skip
-        if found == 0:
+        halved = _with_middles(sheet, first, grid, sources, brr)
+        if halved is None:
             break
-        rows, sides = np.nonzero(flagged)
-        pairs = np.stack([faces[rows, sides], faces[rows, (sides + 1) % 3]], axis=1)
-        pairs.sort(axis=1)
-        count = len(sheet.vertices)
-        keys = np.unique(pairs[:, 0] * count + pairs[:, 1])
-        ends = np.column_stack([keys // count, keys % count])
-        # Faces that share a flagged edge but were not looked at again are split as well.
-        at_edge = np.zeros(count, bool)
-        at_edge[ends] = True
-        a, b, c = at_edge[sheet.faces].T
-        near = np.flatnonzero((a & b) | (b & c) | (c & a))
-        near_pairs = np.sort(
-            np.stack([sheet.faces[near], np.roll(sheet.faces[near], -1, axis=1)], 2), axis=2
-        )
-        near_keys = near_pairs[:, :, 0] * count + near_pairs[:, :, 1]
-        place = np.minimum(np.searchsorted(keys, near_keys), len(keys) - 1)
-        near_middle = np.where(keys[place] == near_keys, count + place, -1)
-        uses = np.bincount(place[near_middle >= 0], minlength=len(keys))
-        middle = np.full(sheet.faces.shape, -1)
-        middle[near] = near_middle
-        on_rim = (uses == 1) & sheet.rim[ends].all(1)
-        middles = np.zeros((len(ends), 3))
-        inward = np.zeros((len(ends), 3))
-        slots = np.zeros(len(ends), np.int64)
-        kernels.place_middles(
-            tri, *rings, sources.box, brr_tri, brr_box, sheet.vertices, sheet.slots, ends, on_rim,
-            sheet.depth, sheet.inward, middles, inward, slots,
-        )  # fmt: skip
-        old = len(middle) - int(((near_middle >= 0).any(1)).sum())
-        sheet = Sheet(
-            sheet.depth,
-            np.concatenate([sheet.vertices, middles]),
-            split_faces(sheet.faces, middle),
-            np.concatenate([sheet.slots, slots]),
-            np.concatenate([sheet.rim, on_rim]),
-            np.concatenate([sheet.inward, inward]),
-        )
-        active = np.arange(old, len(sheet.faces))
+        sheet, first = halved
     for _ in range(CENTRE_ROUNDS):
         before = len(sheet.faces)
-        sheet = _with_centres(sheet, sources)
+        sheet = _with_centres(sheet, grid, sources)
         if len(sheet.faces) == before:
             break
     return sheet
 
 
-def _with_centres(sheet: Sheet, sources: Sources) -> Sheet:
+def _with_middles(
+    sheet: Sheet, first: int, grid: Grid, sources: Sources, brr: DistanceField | None
+) -> tuple[Sheet, int] | None:
+    """Halve the edges of faces `first` and later that are off the level set.
+
+    Faces before those that share such an edge are split as well.
+
+    Returns:
+        The sheet and its first new face; None where no edge is off.
+    """
+    tri, rings = sources.tri, sources.rings
+    brr_tri = brr.tri if brr else np.zeros((0, 16))
+    brr_box = brr.box if brr else np.zeros((1, 6))
+    faces = np.ascontiguousarray(sheet.faces)
+    flagged = np.zeros((len(faces) - first, 3), np.uint8)
+    found = kernels.flag_edges(
+        tri, *rings, sheet.vertices, sheet.inward, sheet.slots, sheet.rim, faces, first,
+        sheet.depth, TOLERANCE_MM, flagged,
+    )  # fmt: skip
+    if found == 0:
+        return None
+    bits = int(4 * found).bit_length()
+    keys, numbers = np.full(1 << bits, -1), np.zeros(1 << bits, np.int64)
+    ends = np.zeros((found, 2), np.int64)
+    count = edges.number_edges(faces, first, flagged, bits, keys, numbers, ends)
+    ends = ends[:count]
+    at_edge = np.zeros(len(sheet.vertices), np.uint8)
+    at_edge[ends] = 1
+    middle, uses = np.zeros(faces.shape, np.int64), np.zeros(count, np.int64)
+    whole, made = edges.find_middles(
+        faces, at_edge, bits, keys, numbers, len(sheet.vertices), middle, uses
+    )
+    split = np.zeros((whole + made, 3), np.int64)
+    edges.split_into(faces, middle, whole, split)
+    on_rim = (uses == 1) & sheet.rim[ends].all(1)
+    middles, inward = np.zeros((count, 3)), np.zeros((count, 3))
+    slots = np.zeros(count, np.int64)
+    kernels.place_middles(
+        tri, *rings, sources.box, *grid.about, brr_tri, brr_box, sheet.vertices, sheet.slots,
+        ends, on_rim, sheet.depth, sheet.inward, middles, inward, slots,
+    )  # fmt: skip
+    refined = Sheet(
+        sheet.depth,
+        np.concatenate([sheet.vertices, middles]),
+        split,
+        np.concatenate([sheet.slots, slots]),
+        np.concatenate([sheet.rim, on_rim]),
+        np.concatenate([sheet.inward, inward]),
+    )
+    return refined, whole
+
+
+def _with_centres(sheet: Sheet, grid: Grid, sources: Sources) -> Sheet:
     """Divide faces across a crease whose centre is still far off into three."""
     count = len(sheet.faces)
     chosen = np.zeros(count, np.uint8)
     centres, inward = np.zeros((count, 3)), np.zeros((count, 3))
     slots = np.zeros(count, np.int64)
     kernels.place_centres(
-        sources.tri, *sources.rings, sources.box, sheet.vertices, sheet.inward, sheet.slots,
+        sources.tri, *sources.rings, *grid.about, sheet.vertices, sheet.inward, sheet.slots,
         np.ascontiguousarray(sheet.faces), sheet.depth, CENTRE_MM, chosen, centres, inward, slots,
     )  # fmt: skip
     rows = np.flatnonzero(chosen)

@@ -7,8 +7,8 @@ from __future__ import annotations
 import numpy as np
 
 from vega_planner.compiled import kernel
-from vega_planner.layers.triangle_kernels import closest, nearest, nearest_or_walk, walk
-from vega_planner.layers.vertex_kernels import settle_rim, walk_sheet
+from vega_planner.layers.triangle_kernels import closest, walk
+from vega_planner.layers.vertex_kernels import nearest_about, settle_rim, walk_sheet
 
 #: Edges between the sides of a sliver may be so far off the level set [mm].
 WIDE_MM = 0.1
@@ -23,9 +23,9 @@ def flag_edges(
     vertices,
     inward,
     slots,
+    rim,
     faces,
     first,
-    last,
     r,
     tolerance,
     flagged,
@@ -33,16 +33,20 @@ def flag_edges(
     """Flag the edges whose middle is farther than `tolerance` from the level set.
 
     The turn of the gradient along an edge tells how far a smooth sheet bulges; only
-    where that is not small is the middle measured.
+    where that is not small is the middle measured. Of the two faces of an edge only the
+    one flags it in which it begins with the lower vertex.
 
     Returns:
         Number of flags set.
     """
     total = 0
-    for f in range(first, last):
+    for f in range(first, len(faces)):
         for c in range(3):
             a, b = faces[f, c], faces[f, (c + 1) % 3]
             if a > b:
+                # Faces before the first have had their turn, those of the rim stand alone.
+                if first == 0 and not (rim[a] and rim[b]):
+                    continue
                 a, b = b, a
             bulge = 0.0
             turn = 0.0
@@ -52,7 +56,7 @@ def flag_edges(
             if turn > 0.8:
                 # A smooth sheet bulges by an eighth of length times turn.
                 if abs(bulge) > 8.0 * tolerance:
-                    flagged[f, c] = 1
+                    flagged[f - first, c] = 1
                     total += 1
                 continue
             # An edge that joins the two sides of a sliver is halved only where the sliver
@@ -64,7 +68,7 @@ def flag_edges(
             _, d2, _, _, _ = walk(tri, corner, ring_start, ring, slots[a], x, y, z)
             _, e2, _, _, _ = walk(tri, corner, ring_start, ring, slots[b], x, y, z)
             if abs(np.sqrt(min(d2, e2)) - r) > allowed:
-                flagged[f, c] = 1
+                flagged[f - first, c] = 1
                 total += 1
     return total
 
@@ -114,6 +118,12 @@ def place_middles(
     ring_start,
     ring,
     box,
+    slot,
+    d,
+    gradient,
+    origin,
+    h,
+    corner_step,
     brr_tri,
     brr_box,
     vertices,
@@ -130,6 +140,7 @@ def place_middles(
     stack = np.zeros(64, np.int64)
     lower = np.zeros(64)
     v = np.zeros(3)
+    seen = np.zeros((9, 3))
     for i in range(len(ends)):
         a, b = ends[i, 0], ends[i, 1]
         x = 0.5 * (vertices[a, 0] + vertices[b, 0])
@@ -150,14 +161,11 @@ def place_middles(
                 tri, corner, ring_start, ring, slots[a], slots[b], inward[a], inward[b], r, v
             )
             if q >= 0:
-                if len(box) > 0:
-                    bound = max(r - 2e-3, 0.0)
-                    nearer, _ = nearest(
-                        tri, box, v[0], v[1], v[2], -1, bound * bound, stack, lower
-                    )
-                else:
-                    nearer = -1
-                if nearer < 0:
+                _, d2, _, _, _ = nearest_about(
+                    tri, corner, ring_start, ring, slot, d, gradient, origin, h, corner_step,
+                    v[0], v[1], v[2], q, seen,
+                )  # fmt: skip
+                if np.sqrt(d2) > r - 2e-3:
                     on_crease = True
                     s = q
                     x, y, z = v[0], v[1], v[2]
@@ -165,16 +173,18 @@ def place_middles(
         for _ in range(0 if on_crease else 6):
             s, d2, fx, fy, fz = walk(tri, corner, ring_start, ring, s, x, y, z)
             e = max(np.sqrt(d2), 1e-9)
-            if abs(e - r) < 0.05 and turn < 0.9 and len(box) > 0 and not checked:
+            if abs(e - r) < 0.05 and turn < 0.9 and not checked:
                 # Across a crease another sheet may be nearer than walking tells.
                 checked = True
-                bound = max(e - 0.01, 0.0)
-                q, _ = nearest(tri, box, x, y, z, -1, bound * bound, stack, lower)
-                if q >= 0:
+                q, e2, gx, gy, gz = nearest_about(
+                    tri, corner, ring_start, ring, slot, d, gradient, origin, h, corner_step,
+                    x, y, z, s, seen,
+                )  # fmt: skip
+                e2 = np.sqrt(e2)
+                if e2 < e - 0.01:
                     checked = False
-                    s = q
-                    d2, fx, fy, fz = closest(tri, s, x, y, z)
-                    e = max(np.sqrt(d2), 1e-9)
+                    s, e = q, max(e2, 1e-9)
+                    fx, fy, fz = gx, gy, gz
             if abs(e - r) < 1e-4:
                 break
             x = fx + (x - fx) * r / e
@@ -206,7 +216,12 @@ def place_centres(
     corner,
     ring_start,
     ring,
-    box,
+    slot,
+    d,
+    gradient,
+    origin,
+    h,
+    corner_step,
     vertices,
     inward,
     slots,
@@ -219,8 +234,7 @@ def place_centres(
     centre_slots,
 ):
     """Choose the faces across a crease with centres far off, and put those onto the level."""
-    stack = np.zeros(64, np.int64)
-    lower = np.zeros(64)
+    seen = np.zeros((9, 3))
     for f in range(len(faces)):
         turn = 1.0
         for c in range(3):
@@ -246,8 +260,10 @@ def place_centres(
         if abs(np.sqrt(least) - r) <= limit:
             continue
         for step in range(6):
-            s, _ = nearest_or_walk(tri, corner, ring_start, ring, box, x, y, z, s, stack, lower)
-            d2, fx, fy, fz = closest(tri, s, x, y, z)
+            s, d2, fx, fy, fz = nearest_about(
+                tri, corner, ring_start, ring, slot, d, gradient, origin, h, corner_step,
+                x, y, z, s, seen,
+            )  # fmt: skip
             e = max(np.sqrt(d2), 1e-9)
             if abs(e - r) <= (limit if step == 0 else 1e-3):
                 break

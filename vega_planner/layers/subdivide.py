@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from vega_planner.datatypes import Floats, Ints
+from vega_planner.layers import subdivide_kernels as kernels
 
 
 def mesh_edges(faces: Ints) -> tuple[Ints, Ints]:
@@ -36,36 +37,11 @@ def split_faces(faces: Ints, middle: Ints) -> Ints:
         The new faces: those without a split edge first, in their order. A face with
         one, two or three split edges becomes two, three or four.
     """
-    a, b, c = (middle >= 0).astype(np.int64).T
-    count = a + b + c
-    parts = [faces[count == 0]]
-    for wanted in (1, 2):
-        rows = np.flatnonzero(count == wanted)
-        # Turn each face so that its first edge is split (one), or its third is not (two).
-        lead = np.argmax(middle[rows] >= 0, axis=1)
-        if wanted == 2:
-            lead = (np.argmax(middle[rows] < 0, axis=1) + 1) % 3
-        turn = (lead[:, None] + np.arange(3)) % 3
-        a, b, c = np.take_along_axis(faces[rows], turn, axis=1).T
-        p, q, _ = np.take_along_axis(middle[rows], turn, axis=1).T
-        if wanted == 1:
-            parts += [np.column_stack([a, p, c]), np.column_stack([p, b, c])]
-        else:
-            parts += [
-                np.column_stack([p, b, q]),
-                np.column_stack([a, p, q]),
-                np.column_stack([a, q, c]),
-            ]
-    rows = np.flatnonzero(count == 3)
-    a, b, c = faces[rows].T
-    p, q, s = middle[rows].T
-    parts += [
-        np.column_stack([a, p, s]),
-        np.column_stack([p, b, q]),
-        np.column_stack([s, q, c]),
-        np.column_stack([p, q, s]),
-    ]
-    return np.concatenate(parts)
+    faces = np.ascontiguousarray(faces, np.int64)
+    whole, made = kernels.count_whole(middle)
+    out = np.zeros((whole + made, 3), np.int64)
+    kernels.split_into(faces, middle, whole, out)
+    return out
 
 
 def split_long_edges(vertices: Floats, faces: Ints, length: float) -> tuple[Floats, Ints]:

@@ -35,13 +35,15 @@ def tidy_sheet(sheet: Sheet, sources: Sources, t: float) -> Sheet:
     faces = np.array(sheet.faces, np.int64, order="C")
     for _ in range(ROUNDS):
         start, around = vertex_stars(faces, count)
-        changed = kernels.tidy_faces(
+        changed, skipped = kernels.tidy_faces(
             sources.tri, *sources.rings, sheet.vertices, sheet.slots, faces, start, around,
             sheet.depth, SLIVER_HEIGHT * t,
         )  # fmt: skip
         if changed == 0:
             break
         faces = faces[faces[:, 0] >= 0]
+        if skipped == 0:
+            break
     if len(faces) == len(sheet.faces):
         return Sheet(
             sheet.depth, sheet.vertices, faces, sheet.slots, sheet.rim, sheet.inward

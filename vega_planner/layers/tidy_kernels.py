@@ -220,19 +220,20 @@ def tidy_faces(tri, corner, ring_start, ring, vertices, slots, faces, start, aro
     Around a change nothing else is changed, since the lists of faces no longer hold.
 
     Returns:
-        Number of changes.
+        Number of changes, and of slivers that were not looked at for others about them.
     """
     locked = np.zeros(len(vertices), np.uint8)
     mine, others = np.zeros(2 * MOST_AROUND + 2, np.int64), np.zeros(2 * MOST_AROUND + 2, np.int64)
     normal = np.zeros(3)
     side = np.zeros(3)
-    changed = 0
+    changed, skipped = 0, 0
     for f in range(len(faces)):
         if faces[f, 0] < 0:
             continue
-        if locked[faces[f, 0]] or locked[faces[f, 1]] or locked[faces[f, 2]]:
-            continue
         if shape_of(vertices, faces[f, 0], faces[f, 1], faces[f, 2], normal) >= height:
+            continue
+        if locked[faces[f, 0]] or locked[faces[f, 1]] or locked[faces[f, 2]]:
+            skipped += 1
             continue
         for c in range(3):
             side[c] = squared(vertices, faces[f, c], faces[f, (c + 1) % 3])
@@ -275,7 +276,7 @@ def tidy_faces(tri, corner, ring_start, ring, vertices, slots, faces, start, aro
                 locked[faces[f, c]] = 1
                 locked[faces[g, c]] = 1
             changed += 1
-    return changed
+    return changed, skipped
 
 
 @kernel

@@ -18,6 +18,10 @@ from vega_planner.compiled import kernel
 
 LEAF = 4
 
+#: Cosine between the ways to the nearest points of two places next to each other above
+#: which walking from either ends at one triangle (8 degrees): they see one smooth sheet.
+SAME_BASIN = 0.99
+
 
 @kernel(error_model="numpy")
 def measure(tri, s, x, y, z):

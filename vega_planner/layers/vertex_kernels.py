@@ -8,6 +8,7 @@ import numpy as np
 
 from vega_planner.compiled import kernel
 from vega_planner.layers.triangle_kernels import (
+    SAME_BASIN,
     closest,
     foot,
     heaviest,
@@ -20,6 +21,9 @@ from vega_planner.layers.triangle_kernels import (
 
 #: Cosine above which two gradients belong to one smooth sheet (21 degrees).
 SAME_SHEET = 0.93
+
+#: Distances to its sheets to which a vertex is placed [mm].
+PLACED_MM = 5e-5
 
 
 @kernel
@@ -221,7 +225,7 @@ def place(
                 b[0] += nx * f
                 b[1] += ny * f
                 b[2] += nz * f
-            if worst < 1e-5:
+            if worst < PLACED_MM:
                 converged = True
                 break
             # Damping by the sheets' weight alone: by the walls', which is a thousandfold,
@@ -242,8 +246,16 @@ def place(
 
 
 @kernel
-def nearest_about(tri, corner, ring_start, ring, slot, origin, h, corner_step, x, y, z, hint):
+def nearest_about(
+    tri, corner, ring_start, ring, slot, d, gradient, origin, h, corner_step, x, y, z, hint, seen
+):
     """Find the nearest triangle to a point by walking from those of the nodes around it.
+
+    Of nodes with one gradient only the first is walked from, and none that is so much
+    farther from its triangle that walking could not make up for it.
+
+    Args:
+        seen: Scratch, (9, 3).
 
     Returns:
         Slot and squared distance, and the nearest point.
@@ -255,16 +267,28 @@ def nearest_about(tri, corner, ring_start, ring, slot, origin, h, corner_step, x
         cell += int((w - origin[axis]) / h) * corner_step[1 << axis]
     if cell < 0 or cell + corner_step[7] >= len(slot):
         return best, least, fx, fy, fz
+    e = max(np.sqrt(least), 1e-9)
+    seen[0, 0], seen[0, 1], seen[0, 2] = (x - fx) / e, (y - fy) / e, (z - fz) / e
+    count = 1
     for c in range(8):
-        s = slot[cell + corner_step[c]]
-        if s < 0 or s in (hint, best):
+        m = cell + corner_step[c]
+        s = slot[m]
+        if s < 0 or s in (hint, best) or abs(d[m]) > e + 2.0 * h:
             continue
         again = False
-        for e in range(c):
-            if slot[cell + corner_step[e]] == s:
+        for q in range(count):
+            if (
+                seen[q, 0] * gradient[m, 0]
+                + seen[q, 1] * gradient[m, 1]
+                + seen[q, 2] * gradient[m, 2]
+            ) > SAME_BASIN:
                 again = True
+                break
         if again:
             continue
+        for q in range(3):
+            seen[count, q] = gradient[m, q]
+        count += 1
         s, d2, qx, qy, qz = walk(tri, corner, ring_start, ring, s, x, y, z)
         if d2 < least:
             best, least = s, d2
@@ -273,13 +297,16 @@ def nearest_about(tri, corner, ring_start, ring, slot, origin, h, corner_step, x
 
 
 @kernel
-def settle_about(tri, corner, ring_start, ring, r, slot, origin, h, corner_step, hint, v):
+def settle_about(
+    tri, corner, ring_start, ring, r, slot, d, gradient, origin, h, corner_step, hint, v, seen
+):
     """Put a vertex at its depth from the nearest of all sheets about it."""
     s = hint
     for _ in range(3):
         s, d2, fx, fy, fz = nearest_about(
-            tri, corner, ring_start, ring, slot, origin, h, corner_step, v[0], v[1], v[2], s
-        )
+            tri, corner, ring_start, ring, slot, d, gradient, origin, h, corner_step,
+            v[0], v[1], v[2], s, seen,
+        )  # fmt: skip
         e = np.sqrt(d2)
         if abs(e - r) < 2e-3 or e < 1e-9:
             break

@@ -17,10 +17,12 @@ from vega_planner.datatypes import Bools
 from vega_planner.errors import DriverError, LinkTimeout, Refused
 from vega_robot_driver.dispenser.base import Dispenser
 from vega_robot_driver.dispenser.dialects import Parameters, dialect_of
-from vega_robot_driver.dispenser.musashi_line import MusashiLine
+from vega_robot_driver.dispenser.musashi_line import TRIES, MusashiLine
 
 #: Pressures closer than this are the same: half of what the line can tell [Pa].
 _SAME = 50.0
+#: Tries of the first reading: nothing hurries yet.
+_TRIES_AT_FIRST = 10
 #: Longest shot that the commands have digits for [ms].
 _LONGEST_SHOT = 9999
 
@@ -68,7 +70,7 @@ class MusashiDispenser(Dispenser):
     def open(self) -> None:
         """Connect, read the pressure, and keep watching it."""
         self._line = MusashiLine(self._port, self._baud, self._timeout)
-        self._set = self._read()
+        self._set = self._read(_TRIES_AT_FIRST)
         if self._wanted:
             self.set_pressure(self._wanted)
         if self._shot_s:
@@ -129,11 +131,11 @@ class MusashiDispenser(Dispenser):
         if line is not None:
             line.close()
 
-    def _read(self) -> Parameters:
+    def _read(self, tries: int = TRIES) -> Parameters:
         if self._line is None:
             raise LinkTimeout(f"dispenser on {self._port}: not connected")
         command = self._dialect.read.format(channel=self._channel)
-        return self._dialect.parsed(self._line.read(command))
+        return self._line.read(command, self._dialect.parsed, tries)
 
     def _write(self, template: str, **changed: int) -> None:
         """Change a parameter, and see that this and no other has changed."""

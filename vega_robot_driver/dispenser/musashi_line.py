@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import contextlib
 import threading
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 from vega_planner.errors import DriverError, LinkTimeout, Refused
 
@@ -18,6 +19,7 @@ STX, ETX, EOT, ENQ, ACK, CAN = (bytes([code]) for code in (2, 3, 4, 5, 6, 0x18))
 ACCEPTED, REJECTED = b"A0", b"A2"
 #: Tries of a transfer that may be repeated.
 TRIES = 3
+_Answer = TypeVar("_Answer")
 
 
 def checksum(data: bytes) -> bytes:
@@ -75,18 +77,25 @@ class MusashiLine:
             if line is not None:
                 line.close()
 
-    def read(self, command: str) -> bytes:
-        """Send a command that has an answer; it is repeated where it is not understood.
+    def read(
+        self, command: str, parsed: Callable[[bytes], _Answer], tries: int = TRIES
+    ) -> _Answer:
+        """Send a command that has an answer; it is repeated where that is not understood.
+
+        Args:
+            command: The command.
+            parsed: Reads the answer; raises `LinkTimeout` where it is none.
+            tries: How often it is tried.
 
         Raises:
             LinkTimeout: If the dispenser does not answer.
             Refused: If it rejects the command.
         """
-        return self._transfer(command, True, TRIES)
+        return self._transfer(command, parsed, tries)
 
     def write(self, command: str) -> None:
         """Send a command that says what is to be; it is repeated like a reading."""
-        self._transfer(command, False, TRIES)
+        self._transfer(command, None, TRIES)
 
     def send_once(self, command: str) -> None:
         """Send a command that must not come twice.
@@ -95,15 +104,15 @@ class MusashiLine:
             LinkTimeout: If its verdict is lost: it may have been executed or not.
             Refused: If the dispenser rejects it.
         """
-        self._transfer(command, False, 1)
+        self._transfer(command, None, 1)
 
-    def _transfer(self, command: str, upload: bool, tries: int) -> bytes:
+    def _transfer(self, command: str, parsed: Callable[[bytes], Any] | None, tries: int) -> Any:
         with self._turn:
             if self._serial is None:
                 raise LinkTimeout(f"dispenser on {self._port}: not connected")
             for left in reversed(range(tries)):
                 try:
-                    return self._once(command.encode(), upload)
+                    return self._once(command.encode(), parsed)
                 except (LinkTimeout, self._errors) as error:
                     with contextlib.suppress(self._errors):
                         self._serial.write(EOT)
@@ -111,22 +120,27 @@ class MusashiLine:
                         raise LinkTimeout(f"dispenser on {self._port}: {error}") from error
         raise AssertionError("unreachable")
 
-    def _once(self, body: bytes, upload: bool) -> bytes:
+    def _once(self, body: bytes, parsed: Callable[[bytes], Any] | None) -> Any:
         line = self._serial
         line.reset_input_buffer()
         line.write(ENQ)
         if line.read(1) != ACK:
             raise LinkTimeout("no answer to ENQ")
         line.write(frame(body))
-        verdict = unframe(line.read_until(ETX, 300))
+        verdict = unframe(self._frame())
         if verdict == REJECTED:
             line.write(STX + b"02" + CAN * 2 + b"6E" + ETX + EOT)
             raise Refused(f"the dispenser rejects {body.decode()!r}")
         if verdict != ACCEPTED:
             raise LinkTimeout(f"unexpected verdict {verdict!r}")
-        answer = b""
-        if upload:
+        answer = None
+        if parsed is not None:
             line.write(ACK)
-            answer = unframe(line.read_until(ETX, 300))
+            answer = parsed(unframe(self._frame()))
         line.write(EOT)
         return answer
+
+    def _frame(self) -> bytes:
+        """Read up to the end of a frame; what came late of a try before stands before it."""
+        data: bytes = self._serial.read_until(ETX, 300)
+        return data[max(data.rfind(STX), 0) :]

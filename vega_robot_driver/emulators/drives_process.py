@@ -19,12 +19,10 @@ from pathlib import Path
 
 from vega_planner.errors import DriverError
 from vega_robot_driver.machine import Machine
+from vega_robot_driver.priority import DRIVES, claim
 
 #: Interfaces of the two ends.
 MASTER_END, SEGMENT_END = "veth_master", "veth_drives"
-#: Priority of the drives where real-time scheduling is granted: above their master's, which
-#: waits for them without giving the processor up.
-PRIORITY = 85
 #: Time the drives may take to come up [s].
 _COMING_UP = 30.0
 
@@ -86,6 +84,8 @@ class EmulatedDrives:
 def _serve(commands: socket.socket, machine: Machine, status: Path) -> None:
     """Be the drives; does not return."""
     try:
+        if machine.paced:
+            claim(DRIVES)
         from vega_robot_driver.emulators.line import Line, build_segment
         from vega_robot_driver.emulators.server import Server
         from vega_robot_driver.motion.bus_config import read_bus_config
@@ -96,9 +96,6 @@ def _serve(commands: socket.socket, machine: Machine, status: Path) -> None:
         )
         line = Line(build_segment(config), machine.dt)
         server = Server(line, SEGMENT_END, status, commands)
-        if machine.paced:  # it may be refused
-            with contextlib.suppress(OSError):
-                os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
         commands.send(b"ready")
         server.run()
     except Exception as error:

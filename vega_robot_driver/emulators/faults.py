@@ -16,6 +16,7 @@ OVER_CURRENT = 0x7300
 FAULTS = {
     "jam": "place of the drive whose axis is blocked",
     "torque_off": "place of the drive whose safe torque off opens",
+    "emergency_stop": "nothing: safe torque off of all drives opens",
     "drive_fault": "place of the drive that trips",
     "limit_switch": "place of the drive whose high limit switch closes",
     "unplug": "drives that the cable still reaches",
@@ -45,6 +46,9 @@ def inject(segment: Segment, fault: str, number: int) -> None:
         drives[number].axis.jammed = True
     elif fault == "torque_off":
         drives[number].torque_off = True
+    elif fault == "emergency_stop":
+        for drive in drives:
+            drive.torque_off = True
     elif fault == "drive_fault":
         drives[number].fault(OVER_CURRENT)
     elif fault == "limit_switch":

@@ -15,6 +15,7 @@ from vega_robot_driver.dispenser.musashi_line import (
     ACCEPTED,
     ACK,
     ENQ,
+    EOT,
     ETX,
     REJECTED,
     frame,
@@ -82,13 +83,14 @@ class MusashiDevice:
 
     def _run(self) -> None:
         while not self._closed.is_set():
-            if self._byte() != ENQ or self.misbehaviour == "silent":
-                continue
-            os.write(self._end, ACK)
-            data = b""
-            while (byte := self._byte()) and byte != ETX:
-                data += byte
-            self._answer(data + ETX)
+            byte = self._byte()
+            while byte == ENQ and self.misbehaviour != "silent":
+                os.write(self._end, ACK)
+                data = b""
+                while (byte := self._byte()) not in (b"", ENQ, EOT, ETX):
+                    data += byte
+                if byte == ETX:  # anything else ends what was begun, an ENQ begins anew
+                    self._answer(data + ETX)
 
     def _answer(self, data: bytes) -> None:
         try:

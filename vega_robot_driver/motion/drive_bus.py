@@ -122,7 +122,7 @@ class DriveBus:
             ) from error
         found = self._master.config_init()
         if found < len(self._config.axes):
-            raise DriverError(
+            raise LinkTimeout(
                 f"{max(found, 0)} drives answer on '{self._interface}'; "
                 f"{len(self._config.axes)} are configured"
             )
