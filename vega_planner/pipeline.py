@@ -109,6 +109,7 @@ def plan(
         with_check,
     )
     from vega_planner.printability.link_repair import clear_motion
+    from vega_planner.printability.lower_substrate import with_lower_substrate
     from vega_planner.printability.pose import choose_pose
     from vega_planner.printability.repair import resolve_collisions
     from vega_planner.printability.robot_body import BodyCheck, with_body
@@ -129,6 +130,9 @@ def plan(
             cell = place(cell, choose_pose(stack, cell, settings.printability))
         assessment = assess_printability(
             stack, cell, settings.printability, tell, settings.toolpaths.width_mm
+        )
+        cell, assessment = with_lower_substrate(
+            stack, cell, settings.printability, assessment, tell, settings.toolpaths.width_mm
         )
     with stages.enter("splitting") as tell:
         patches = split_layers(stack, assessment, cell, settings.printability, tell)
