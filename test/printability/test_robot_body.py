@@ -10,13 +10,14 @@ import numpy as np
 import pinocchio
 import pytest
 import trimesh
+from scipy.ndimage import minimum_filter
 from scipy.spatial import cKDTree
 
 from vega_planner.datatypes import PrintTrajectory, Toolpath, ToolpathSet, Travel
 from vega_planner.printability.collisions import check_toolpaths
 from vega_planner.printability.link_kernels import PRINT
 from vega_planner.printability.link_repair import clear_motion
-from vega_planner.printability.links import LinkWatch
+from vega_planner.printability.links import LinkWatch, least_about
 from vega_planner.printability.robot_body import check_robot_body
 from vega_planner.progress import silent
 from vega_planner.robot.link_points import balls_on
@@ -295,3 +296,11 @@ def test_a_link_that_cannot_be_read_is_named(tmp_path):
     assert len(check.unread) == 1
     assert check.unread[0].startswith("link 'z_slide' is not checked: ")
     assert str(lost) in check.unread[0]
+
+
+@pytest.mark.parametrize("shape", [(5, 7, 9), (1, 2, 3), (12, 12, 12)])
+@pytest.mark.parametrize("reach", [1, 2, 4])
+def test_the_least_value_about_a_place_is_that_of_a_filter(shape, reach):
+    values = np.random.default_rng(0).integers(0, 99, shape).astype(np.int32)
+    wanted = minimum_filter(values, 2 * reach + 1, mode="constant", cval=100)
+    np.testing.assert_array_equal(least_about(values, reach), wanted)

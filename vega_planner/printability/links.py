@@ -299,8 +299,6 @@ def _scene(
     toolpaths: ToolpathSet, cell: Workcell, links: LinkTrees, margin_mm: float
 ) -> tuple[Any, ...]:
     """Put plate, substrate and passes into what `link_kernels.touching` takes."""
-    from scipy.ndimage import minimum_filter
-
     T: Floats = np.linalg.inv(cell.robot.chain.T_base_plate) @ cell.placement.T_base_part
     T[:3, 3] = m_to_mm(T[:3, 3])
     far = np.full(3, 1e9)
@@ -331,9 +329,29 @@ def _scene(
     cells = cells.reshape(split).min((1, 3, 5))
     # half a voxel more on both sides than the kernel looks
     wide = int(np.ceil((pad + spacing) / (COARSE * spacing)))
-    earliest = minimum_filter(cells, size=2 * wide + 1, mode="constant", cval=NEVER)
+    earliest = least_about(cells, wide)
     around = reach + spacing
     return (
         np.ascontiguousarray(T[:3]), low, high, TOUCH_MM, laid, origin, spacing, reach,
         first - around, last + around, earliest, np.zeros((0, 0, 0), np.float32),
     )  # fmt: skip
+
+
+def least_about(values: Ints, reach: int) -> Ints:
+    """Take the smallest value within so many places along each axis, as a box.
+
+    Args:
+        values: Any shape.
+        reach: Places to both sides.
+
+    Returns:
+        The same shape.
+    """
+    for axis in range(values.ndim):
+        before, after = np.moveaxis(values, axis, 0), values.copy()
+        least = np.moveaxis(after, axis, 0)
+        for step in range(1, min(reach + 1, len(before))):
+            np.minimum(least[step:], before[:-step], out=least[step:])
+            np.minimum(least[:-step], before[step:], out=least[:-step])
+        values = after
+    return values
