@@ -23,7 +23,7 @@ setup(
     name="vega",
     version="0.1.0",
     packages=find_packages(include=["vega_planner*", "vega_robot_driver*"]),
-    package_data={"": ["*.yaml", "*.html", "*.js", "*.css", "*.json", "*.csv"]},
+    package_data={"": ["*.yaml", "*.html", "*.js", "*.css", "*.json", "*.csv", "*.txt"]},
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/vega"]),
         ("share/vega", ["package.xml"]),

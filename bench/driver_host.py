@@ -19,8 +19,9 @@ from driver_job import JOINTS, ROOT, SPEED, machine
 
 from vega_robot_driver.control.calibration import calibration_job, dry_job
 from vega_robot_driver.dispenser.digital_output import DigitalOutputDispenser
-from vega_robot_driver.executor import Executor, Limits
+from vega_robot_driver.executor import Executor
 from vega_robot_driver.job import PrintJob
+from vega_robot_driver.limits import Limits
 from vega_robot_driver.motion.bus_config import read_bus_config
 from vega_robot_driver.motion.direct_bus import DirectDrives, DirectMotion
 

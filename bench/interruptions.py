@@ -4,8 +4,9 @@
     python bench/interruptions.py [KILLS] [SEED]
 
 Every interruption ends a run: the process is killed (its memory is gone, its status page is
-not), the power fails (the page is gone too, the disk is not), a drive trips, the line is cut
-behind drive 2, the client dies, or a pause is ended by a kill. A new run takes the checkpoint
+not), the power fails (the page is gone too, the disk is not), the emergency stop takes all
+drives' torque, a drive trips, the line is cut behind drive 2, the client dies, or a pause is
+ended by a kill. A new run takes the checkpoint
 from the state folder as the driver does. What was laid is what the drives saw: where the
 axes were while the valve was open.
 """
@@ -26,7 +27,8 @@ from driver_job import PITCH, beads, bus_file, machine
 
 from vega_robot_driver.checkpoint import read_checkpoint, write_checkpoint
 from vega_robot_driver.dispenser.digital_output import DigitalOutputDispenser
-from vega_robot_driver.executor import Executor, Limits
+from vega_robot_driver.executor import Executor
+from vega_robot_driver.limits import Limits
 from vega_robot_driver.motion.bus_config import read_bus_config
 from vega_robot_driver.motion.direct_bus import DirectDrives, DirectMotion
 from vega_robot_driver.recovery import recover_checkpoint
@@ -34,7 +36,7 @@ from vega_robot_driver.shown import Shown
 from vega_robot_driver.status import StatusPage
 
 DT, OVERLAP_S, LENGTH = 0.002, 0.1, 4e-3
-KINDS = ("kill", "power", "drive_fault", "unplug", "client", "paused_kill")
+KINDS = ("kill", "power", "emergency_stop", "drive_fault", "unplug", "client", "paused_kill")
 #: A gap in a bead longer than this is a loss, an overlap longer than that is a bead laid
 #: twice [m]: a fortieth and a quarter of the bead's width.
 GAP, TWICE = 30e-6, 300e-6
@@ -97,7 +99,8 @@ def interrupt(plant: Machine, kind: str, number: int) -> None:
     if kind == "client":
         executor.stop("the client is gone")
     else:
-        plant.drives.inject(f"drive_fault {number % 5}" if kind == "drive_fault" else "unplug 2")
+        faults = {"drive_fault": f"drive_fault {number % 5}", "unplug": "unplug 2"}
+        plant.drives.inject(faults.get(kind, kind))
     plant.advance(70)
     plant.drives.inject("none")
     if executor.state == "fault":

@@ -33,7 +33,7 @@ SLICER = (
 
 def dome(faces: int) -> tuple[np.ndarray, np.ndarray]:
     """A half ball of 40 mm on its flat base with about so many triangles."""
-    from warm_kernels import half_ball
+    from kernel_cases import half_ball
 
     turns = int(np.sqrt(faces * 1.4))
     return half_ball(20.0, faces // (2 * turns), turns)

@@ -39,7 +39,7 @@ def main() -> int:
         _install_packages()
         _install_vega()
         _compile_bytecode()
-        _warm_kernels()
+        _build_kernels()
     except subprocess.CalledProcessError as error:
         return _fail(f"'{' '.join(map(str, error.cmd))}' ended with status {error.returncode}")
     taken = time.monotonic() - began
@@ -98,15 +98,11 @@ def _compile_bytecode() -> None:
     _run([PYTHON, "-m", "compileall", "-q", *rooms])
 
 
-def _warm_kernels() -> None:
-    sources = sorted(ROOT.glob("vega_*/**/*kernels.py"))
-    if _current("kernels", sources):
-        return
-    _say("compiling kernels (about two minutes)")
-    for stale in (path for room in ROOT.glob("vega_*") for path in room.rglob("*.nb[ic]")):
-        stale.unlink()  # the cache does not see that a kernel it calls has changed
-    _run([PYTHON, ROOT / "tools" / "warm_kernels.py"])
-    _mark("kernels", sources)
+def _build_kernels() -> None:
+    builder = ROOT / "tools" / "build_kernels.py"
+    if not _ok([PYTHON, builder, "--check"]):
+        _say("compiling kernels (about a minute)")
+        _run([PYTHON, builder])
 
 
 def _digest(files: Sequence[Path]) -> str:

@@ -62,13 +62,26 @@ def face_cross(vertices: Floats, faces: Ints) -> Floats:
     Returns:
         Vectors along the face normals, twice the face area long [mm²], shape (m, 3).
     """
-    corners = vertices[faces]
-    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    a, b, c = np.ascontiguousarray(vertices.T)[:, faces.T].transpose(1, 0, 2)
+    (ux, uy, uz), (vx, vy, vz) = b - a, c - a
+    return np.column_stack([uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx])
+
+
+def row_lengths(vectors: Floats) -> Floats:
+    """Measure the length of each row, several times faster than numpy's norm.
+
+    Args:
+        vectors: Rows, shape (n, k).
+
+    Returns:
+        Lengths, shape (n,).
+    """
+    return np.asarray(np.sqrt(np.einsum("ij,ij->i", vectors, vectors)))
 
 
 def _unit(vectors: Floats) -> Floats:
-    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return vectors / np.where(lengths > 0, lengths, 1.0)
+    lengths = row_lengths(vectors)
+    return vectors / np.where(lengths > 0, lengths, 1.0)[:, None]
 
 
 class TriangleGeometry:
@@ -84,7 +97,7 @@ class TriangleGeometry:
     @cached_property
     def face_areas(self) -> Floats:
         """Areas of the faces [mm²], shape (m,)."""
-        return 0.5 * np.linalg.norm(self._cross, axis=1)
+        return 0.5 * row_lengths(self._cross)
 
     @cached_property
     def face_normals(self) -> Floats:
@@ -248,7 +261,7 @@ class Patch(TriangleGeometry):
         count = len(self.vertices)
         thickness = frozen_array("thickness", self.thickness, np.float64, (count,))
         tool_axes = frozen_array("tool_axes", self.tool_axes, np.float64, (count, 3))
-        if count and abs(np.linalg.norm(tool_axes, axis=1) - 1).max() > 1e-6:
+        if count and abs(row_lengths(tool_axes) - 1).max() > 1e-6:
             raise InvalidInput("tool_axes are not unit vectors")
         object.__setattr__(self, "thickness", thickness)
         object.__setattr__(self, "tool_axes", tool_axes)
@@ -294,7 +307,7 @@ class Toolpath:
     @cached_property
     def length_mm(self) -> float:
         """Length of the pass [mm]."""
-        return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())
+        return float(row_lengths(np.diff(self.points, axis=0)).sum())
 
 
 @dataclass(frozen=True, eq=False)
@@ -319,7 +332,7 @@ class Travel:
     @cached_property
     def length_mm(self) -> float:
         """Length of the move [mm]."""
-        return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())
+        return float(row_lengths(np.diff(self.points, axis=0)).sum())
 
 
 @dataclass(frozen=True, eq=False)

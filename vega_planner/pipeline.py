@@ -5,9 +5,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,14 +27,15 @@ from vega_planner.settings import Settings
 
 if TYPE_CHECKING:
     from vega_planner.printability.robot_body import BodyCheck
+    from vega_planner.robot.robot import Robot
     from vega_planner.robot.workcell import Workcell
     from vega_planner.toolpaths.coverage import Coverage
 
 #: Share of the whole job's time at which each stage ends, for the progress bar.
 _ENDS = {
     "part": 0.08,
-    "cell": 0.14,
-    "layers": 0.42,
+    "layers": 0.38,
+    "cell": 0.42,
     "printability": 0.58,
     "splitting": 0.64,
     "ordering": 0.68,
@@ -41,6 +44,21 @@ _ENDS = {
     "trajectory": 0.94,
     "checks": 1.0,
 }
+
+#: Code that is loaded while the layers are computed.
+_LATER = (
+    "ordering",
+    "printability.collisions",
+    "printability.pose",
+    "printability.repair",
+    "printability.robot_body",
+    "robot.workcell",
+    "splitting",
+    "substrate",
+    "toolpaths.prime",
+    "trajectory",
+    "results.plan_folder",
+)
 
 
 def plan(
@@ -63,8 +81,26 @@ def plan(
         Cancelled: If `report` asked to stop.
     """
     from vega_planner.layers import generate_layers
-    from vega_planner.ordering import order_patches
     from vega_planner.part import load_part
+
+    settings = settings or Settings()
+    stages = _Stages(report)
+
+    with ThreadPoolExecutor(1) as beside:
+        robot = beside.submit(_load_ahead, settings)
+        with stages.enter("part") as tell:
+            if not isinstance(part, Part):
+                part = load_part(part, settings.part, tell)
+            part = _compensated(part, settings)
+        with stages.enter("layers") as tell:
+            stack = generate_layers(
+                part,
+                settings.layers,
+                _failing_with(robot, tell),
+                edge_angle_deg=settings.part.edge_angle_deg,
+            )
+
+    from vega_planner.ordering import order_patches
     from vega_planner.printability import assess_printability
     from vega_planner.printability.certificate import certificate
     from vega_planner.printability.collisions import (
@@ -72,9 +108,11 @@ def plan(
         too_much_left_out,
         with_check,
     )
+    from vega_planner.printability.link_repair import clear_motion
+    from vega_planner.printability.lower_substrate import with_lower_substrate
     from vega_planner.printability.pose import choose_pose
     from vega_planner.printability.repair import resolve_collisions
-    from vega_planner.printability.robot_body import check_robot_body, with_body
+    from vega_planner.printability.robot_body import BodyCheck, with_body
     from vega_planner.robot import load_cell
     from vega_planner.robot.placement import parse_pose
     from vega_planner.robot.workcell import place
@@ -83,26 +121,18 @@ def plan(
     from vega_planner.toolpaths import lay_toolpaths
     from vega_planner.toolpaths.coverage import measure_coverage
     from vega_planner.toolpaths.prime import with_prime_line
-    from vega_planner.trajectory import make_trajectory, no_motion
+    from vega_planner.trajectory import no_motion
 
-    settings = settings or Settings()
-    stages = _Stages(report)
-
-    with stages.enter("part") as tell:
-        if not isinstance(part, Part):
-            part = load_part(part, settings.part, tell)
-        part = _compensated(part, settings)
     with stages.enter("cell"):
-        cell = stand_on_substrate(load_cell(settings.cell, part), part)
-    with stages.enter("layers") as tell:
-        stack = generate_layers(
-            part, settings.layers, tell, edge_angle_deg=settings.part.edge_angle_deg
-        )
+        cell = stand_on_substrate(load_cell(settings.cell, part, robot.result()), part)
     with stages.enter("printability") as tell:
         if parse_pose(settings.cell.pose) is None:
             cell = place(cell, choose_pose(stack, cell, settings.printability))
         assessment = assess_printability(
             stack, cell, settings.printability, tell, settings.toolpaths.width_mm
+        )
+        cell, assessment = with_lower_substrate(
+            stack, cell, settings.printability, assessment, tell, settings.toolpaths.width_mm
         )
     with stages.enter("splitting") as tell:
         patches = split_layers(stack, assessment, cell, settings.printability, tell)
@@ -133,12 +163,13 @@ def plan(
             check = replace(primed, left_out_ratio=check.left_out_ratio)
     with stages.enter("trajectory") as tell:
         if toolpaths.passes:
-            trajectory = make_trajectory(toolpaths, cell, settings.trajectory, tell)
+            toolpaths, check, trajectory, body = clear_motion(
+                toolpaths, check, stack, cell, settings, tell
+            )
         else:  # the report says why nothing can be printed
-            trajectory = no_motion(cell)
-    with stages.enter("checks") as tell:
-        body = check_robot_body(toolpaths, trajectory, cell, tell)
-        proof = certificate(part, settings, cell, toolpaths, trajectory, check)
+            trajectory, body = no_motion(cell), BodyCheck()
+    with stages.enter("checks"):
+        proof = certificate(part, settings, cell, toolpaths, trajectory, check, body)
         coverage = measure_coverage(order.patches, toolpaths, stack, settings.toolpaths.width_mm)
     return PrintPlan(
         settings=settings,
@@ -150,7 +181,7 @@ def plan(
         toolpaths=toolpaths,
         trajectory=trajectory,
         coverage=coverage,
-        collisions=check.summary(),
+        collisions=check.summary() | body.summary(),
         certificate=proof,
         robot_body=body,
         seconds=stages.seconds,
@@ -248,6 +279,31 @@ class _Stages:
             raise
         self.seconds[name] = time.perf_counter() - began
         tell(Progress(name, 1.0))
+
+
+def _load_ahead(settings: Settings) -> Robot:
+    """Load the robot and the code of the later stages; what is named wrong is found early."""
+    from vega_planner.robot import load_cell
+
+    try:
+        robot = load_cell(settings.cell).robot
+    except VegaError as error:
+        error.stage = "cell"
+        raise
+    for name in _LATER:
+        import_module(f"vega_planner.{name}")
+    return robot
+
+
+def _failing_with(robot: Future[Robot], tell: Report) -> Report:
+    """Report as `tell` does, and stop as soon as the robot turns out to be wrong."""
+
+    def both(progress: Progress) -> None:
+        if robot.done():
+            robot.result()
+        tell(progress)
+
+    return both
 
 
 def _compensated(part: Part, settings: Settings) -> Part:

@@ -9,18 +9,17 @@ decided here, cycle by cycle, and nowhere else.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from vega_planner.datatypes import Floats
-from vega_planner.errors import Busy, Faulted, InvalidInput, Refused
+from vega_planner.errors import Busy, Faulted, Refused
 from vega_robot_driver.approach import joint_route
 from vega_robot_driver.checkpoint import Checkpoint
 from vega_robot_driver.curve import Curve
 from vega_robot_driver.dispenser.base import Dispenser
 from vega_robot_driver.follower import Cycles, Follower
 from vega_robot_driver.job import PrintJob
+from vega_robot_driver.limits import Limits
 from vega_robot_driver.motion.base import MotionController
 from vega_robot_driver.stall import StallWatch
 
@@ -32,26 +31,6 @@ STATES = (
 
 #: Largest distance between the axes and the path's first point at the start [m, rad].
 START_TOLERANCE = 2e-3
-#: Share by which a target may exceed a speed limit before the machine stops.
-SPEED_MARGIN = 0.05
-
-
-@dataclass(frozen=True, eq=False)
-class Limits:
-    """What the axes may do, checked at the last step before the wire.
-
-    Attributes:
-        lower: Lowest positions [m, rad], shape (j,).
-        upper: Highest positions, shape (j,).
-        velocity: Highest speeds [m/s, rad/s], shape (j,).
-        acceleration: Highest accelerations [m/s², rad/s²], shape (j,), or None; the rate
-            along the path does not change faster than they allow.
-    """
-
-    lower: Floats
-    upper: Floats
-    velocity: Floats
-    acceleration: Floats | None = None
 
 
 class Executor:
@@ -234,6 +213,7 @@ class Executor:
         """Leave the fault state, without power; only on an explicit request."""
         if self.state == "fault":
             self.motion.reset_fault()
+            self.dispenser.reset_fault()
             self._follower = None
             self.state, self.detail = "off", ""
 
@@ -270,13 +250,12 @@ class Executor:
             allowed = self.state in ("printing", "pausing", "paused")
             asked = self._follower.advance(cycles, want, allowed)
         gate = asked.gate.copy()
-        if not self._within_limits(asked.targets):
-            gate[:] = False
-            self._take_back(asked, 0, before)
-            self._fault_cycles(cycles)
-            return gate
-        if self.dispenser.fault:
-            self.fail(self.dispenser.fault)
+        rows = np.vstack([self.targets, asked.targets])
+        wrong = self.dispenser.fault or self.limits.excess(
+            rows, self.motion.joint_names, self.motion.dt
+        )
+        if wrong:
+            self.fail(wrong)
             gate[:] = False
             self._take_back(asked, 0, before)
             self._fault_cycles(cycles)
@@ -337,52 +316,13 @@ class Executor:
             if still:
                 break
 
-    def _within_limits(self, targets: Floats) -> bool:
-        limits, names = self.limits, self.motion.joint_names
-        low, high = targets.min(0), targets.max(0)
-        outside = (low < limits.lower - 1e-9) | (high > limits.upper + 1e-9)
-        if outside.any():
-            k = int(np.argmax(outside))
-            self.fail(
-                f"{names[k]} was sent to {low[k]:g} .. {high[k]:g}; "
-                f"limits {limits.lower[k]:g} .. {limits.upper[k]:g}"
-            )
-            return False
-        rows = np.vstack([self.targets, targets])
-        speed = np.abs(np.diff(rows, axis=0)).max(0) / self.motion.dt
-        fast = speed > limits.velocity * (1 + SPEED_MARGIN)
-        if fast.any():
-            k = int(np.argmax(fast))
-            self.fail(f"{names[k]} was sent at {speed[k]:g} /s; limit {limits.velocity[k]:g}")
-            return False
-        return True
-
     def check_job(self, job: PrintJob) -> None:
         """Check the whole of a job against the machine, before it moves.
 
         Raises:
             InvalidInput: If it has other joints, or leaves a limit anywhere.
         """
-        names, limits = self.motion.joint_names, self.limits
-        if job.joint_names != names:
-            raise InvalidInput(
-                f"the job moves {', '.join(job.joint_names)}; the machine has {', '.join(names)}"
-            )
-        lowest, highest, fastest, when = job.extremes(self.motion.dt)
-        outside = (lowest < limits.lower - 1e-9) | (highest > limits.upper + 1e-9)
-        if outside.any():
-            k = int(np.argmax(outside))
-            raise InvalidInput(
-                f"the job sends {names[k]} to {lowest[k]:g} .. {highest[k]:g}; "
-                f"limits {limits.lower[k]:g} .. {limits.upper[k]:g}"
-            )
-        fast = fastest > limits.velocity * (1 + SPEED_MARGIN)
-        if fast.any():
-            k = int(np.argmax(fast))
-            raise InvalidInput(
-                f"the job moves {names[k]} at {fastest[k]:g} /s, {when[k]:.2f} s after its "
-                f"start; limit {limits.velocity[k]:g}"
-            )
+        self.limits.check_job(job, self.motion.joint_names, self.motion.dt)
 
     # -- state --------------------------------------------------------------------------
 

@@ -226,14 +226,14 @@ def _layers(path: Path, paths: int) -> Ints:
 
 
 def check_certificate(job: PrintJob, text: str) -> None:
-    """Refuse a job whose certificate is missing or belongs to another job.
+    """Refuse a job whose certificate is missing, belongs to another job, or tells of a collision.
 
     Args:
         job: The job.
         text: Content of its `certificate.json`.
 
     Raises:
-        CertificateMismatch: Saying what does not match.
+        CertificateMismatch: Saying what does not match, or what collides.
     """
     if not text.strip():
         raise CertificateMismatch("the job carries no certificate (certificate.json of its plan)")
@@ -245,4 +245,14 @@ def check_certificate(job: PrintJob, text: str) -> None:
     if job.digest() != expected:
         raise CertificateMismatch(
             f"the certificate is for job {expected[:12]}, this is job {job.digest()[:12]}"
+        )
+    if certificate.get("collision_free", True) is not True:
+        check = certificate.get("check")
+        told = check if isinstance(check, dict) else {}
+        raise CertificateMismatch(
+            "the certificate says that the job collides: "
+            f"{told.get('colliding_waypoints', 'unknown')} waypoints of the nozzle, "
+            f"{told.get('touching_samples', 'unknown')} samples of the robot's links "
+            f"({', '.join(map(str, told.get('touching_links') or [])) or 'none named'}); see "
+            "the reasons in its summary.json, and plan again"
         )

@@ -4,10 +4,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from vega_planner.compiled import kernel
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def move_axes(position, speed, targets, speeds, bandwidth, damping, forward, limits, dt, steps):
     """Let axes follow their targets: second-order lag within speed and acceleration limits.
 
@@ -37,7 +38,7 @@ def move_axes(position, speed, targets, speeds, bandwidth, damping, forward, lim
                 speed[k] = 0.0
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def build_pressure(pressure, gate, supply, rise, fall, dt):
     """Let the pressure in the barrel follow the valve, with a first-order lag each way."""
     up, down = 1 - np.exp(-dt / rise), 1 - np.exp(-dt / fall)

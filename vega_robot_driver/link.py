@@ -42,6 +42,10 @@ class RequestServer:
         listening: Socket that clients connect to; it was bound by who started this process,
             which may have a network namespace of its own.
         handle: Answers a request; may raise `VegaError`.
+
+    Attributes:
+        connected: Whether a client is there.
+        clients: How many came until now.
     """
 
     def __init__(
@@ -49,7 +53,7 @@ class RequestServer:
     ) -> None:
         self._handle = handle
         self._socket = listening
-        self.connected = False
+        self.connected, self.clients = False, 0
 
     def start(self) -> None:
         """Take clients from now on."""
@@ -65,6 +69,7 @@ class RequestServer:
                 client, _ = self._socket.accept()
             except OSError:
                 return
+            self.clients += 1
             self.connected = True
             with client, contextlib.suppress(OSError), client.makefile("rwb") as stream:
                 for line in stream:
@@ -186,7 +191,7 @@ class MachineLink:
             raise DriverError(f"another process drives the machine of {self.folder}") from error
         listening.listen(1)
         number = listening.fileno()
-        command = [sys.executable, "-m", "vega_robot_driver.process", str(self.folder)]
+        command = [sys.executable, "-m", "vega_robot_driver", str(self.folder)]
         if hardware == "emulated":  # it makes network interfaces, in a namespace of its own
             command = ["unshare", "-n" if os.geteuid() == 0 else "-Urn", *command]
         with listening, (self.folder / "process.log").open("ab") as log:
@@ -210,10 +215,12 @@ class MachineLink:
                 code, _, reason = text.partition(" ")
                 raise error_class(int(code))(reason)
             if process.poll() is not None:
+                if failed.is_file() and failed.read_text():
+                    continue  # it has said why in the meantime
                 raise DriverError(
                     f"the real-time process ended with {process.returncode}; "
                     f"see {self.folder / 'process.log'}"
                 )
-            time.sleep(0.02)
+            time.sleep(0.002)
         process.kill()
         raise LinkTimeout(f"the real-time process did not come up in {timeout_s:g} s")

@@ -8,13 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from vega_planner.errors import InvalidInput
-from vega_robot_driver.dispenser.base import Dispenser
-from vega_robot_driver.executor import Executor, Limits
-from vega_robot_driver.motion.base import MotionController
-from vega_robot_driver.motion.bus_config import DispenserWiring
 
 HARDWARE = ("simulated", "emulated", "ethercat")
 
@@ -66,6 +60,20 @@ class Machine:
             if not getattr(self, name) > 0:
                 raise InvalidInput(f"{name} is {getattr(self, name):g}; must be above 0")
 
+    @property
+    def paced(self) -> bool:
+        """Whether cycles come at the pace of the clock."""
+        return self.hardware == "ethercat" or self.time_scale == 1.0
+
+    @property
+    def bus_file(self) -> str:
+        """Path of the machine file; the shipped one where emulated drives are given none."""
+        if self.config or self.hardware != "emulated":
+            return self.config
+        from vega_planner.shared_files import shared_file
+
+        return str(shared_file("config", "machines", "emulated.yaml"))
+
     def write(self, folder: Path) -> None:
         """Write `machine.json`."""
         (folder / "machine.json").write_text(json.dumps(asdict(self), indent=2))
@@ -76,78 +84,3 @@ def read_machine(folder: Path) -> Machine:
     values: dict[str, Any] = json.loads((folder / "machine.json").read_text())
     typed: Any = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
     return Machine(**typed)
-
-
-def build_executor(machine: Machine, folder: Path) -> Executor:
-    """Build axes, dispenser and executor from a description.
-
-    Raises:
-        InvalidInput: If the description lacks something.
-    """
-    lower, upper, velocity = (
-        np.array(values) for values in (machine.lower, machine.upper, machine.velocity)
-    )
-    acceleration = np.array(machine.acceleration) if machine.acceleration else None
-    limits = Limits(lower, upper, velocity, acceleration)
-    motion, dispenser = _devices(machine, folder)
-    dispenser.set_pressure(machine.pressure_pa)
-    return Executor(motion, dispenser, limits, ramp_s=machine.ramp_s)
-
-
-def _devices(machine: Machine, folder: Path) -> tuple[MotionController, Dispenser]:
-    from vega_robot_driver.dispenser.simulated import SimulatedDispenser
-
-    if machine.hardware == "simulated":
-        from vega_robot_driver.motion.simulated import SimulatedMotion
-
-        motion = SimulatedMotion(
-            machine.joint_names,
-            np.array(machine.lower),
-            np.array(machine.upper),
-            np.array(machine.velocity),
-            np.array(machine.start),
-            dt=machine.dt,
-            memory=folder / "axes.json",
-        )
-        return motion, SimulatedDispenser()
-    from vega_robot_driver.motion.bus_config import read_bus_config
-
-    path = machine.config
-    if machine.hardware == "emulated" and not path:
-        from vega_planner.shared_files import shared_file
-
-        path = str(shared_file("config", "machines", "emulated.yaml"))
-    config = read_bus_config(path).for_joints(
-        machine.joint_names, machine.lower, machine.upper, machine.velocity
-    )
-    if machine.hardware == "emulated":
-        from vega_robot_driver.motion.emulated import EmulatedDrives, EmulatedMotion
-
-        by_frames = machine.time_scale != 1.0
-        drives = EmulatedDrives(path, folder / "drives.json", machine.dt if by_frames else 0.0)
-        emulated = EmulatedMotion(
-            config, drives, dt=machine.dt, by_frames=by_frames, memory=folder
-        )
-        return emulated, _dispenser(config.dispenser)
-    from vega_robot_driver.motion.ethercat import EthercatMotion
-
-    interface = machine.interface or config.interface
-    motion_on_bus = EthercatMotion(config, interface, dt=machine.dt, memory=folder)
-    return motion_on_bus, _dispenser(config.dispenser)
-
-
-def _dispenser(wiring: DispenserWiring) -> Dispenser:
-    """Build the dispenser of a bus: its valve is wired, its pressure may have a serial line."""
-    if not wiring.port:
-        from vega_robot_driver.dispenser.digital_output import DigitalOutputDispenser
-
-        return DigitalOutputDispenser()
-    from vega_robot_driver.dispenser.musashi import MusashiDispenser
-
-    return MusashiDispenser(
-        wiring.port,
-        baud=wiring.baud,
-        channel=wiring.channel,
-        dialect=wiring.dialect,
-        writes=wiring.writes,
-    )

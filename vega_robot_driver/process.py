@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The real-time process: sole owner of axes, fault latch and dispenser gate.
 
-Runs as `python -m vega_robot_driver.process STATE_FOLDER SOCKET`. It keeps an absolute schedule,
-takes requests from one client between cycles, and shows its state on the status page. When
+Runs as `python -m vega_robot_driver STATE_FOLDER SOCKET`. It keeps an absolute schedule, takes
+requests from one client between cycles, and shows its state on the status page. When
 the client hangs up or falls silent, it stops along the path with the dispenser off and
 holds the axes: nothing outside this process is needed for that.
 """
@@ -12,7 +12,6 @@ from __future__ import annotations
 import contextlib
 import gc
 import io
-import os
 import queue
 import signal
 import socket
@@ -21,23 +20,28 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vega_planner.errors import DriverError, InvalidInput, VegaError
+from vega_planner.errors import VegaError
+from vega_robot_driver.assembly import build_executor
 from vega_robot_driver.checkpoint import CheckpointWriter
-from vega_robot_driver.control.calibration import calibration_job
 from vega_robot_driver.curve import Curve
 from vega_robot_driver.job import PrintJob
 from vega_robot_driver.link import RequestServer
-from vega_robot_driver.machine import Machine, build_executor, read_machine
+from vega_robot_driver.machine import Machine
+from vega_robot_driver.operations import Operations
+from vega_robot_driver.priority import CYCLE, HELPERS, claim
 from vega_robot_driver.recording.ring import Ring
 from vega_robot_driver.recovery import recover_checkpoint
+from vega_robot_driver.schedule import MOST_OVERRUNS, Schedule
 from vega_robot_driver.shown import Shown
 from vega_robot_driver.status import StatusPage
+
+if TYPE_CHECKING:
+    from vega_robot_driver.emulators.drives_process import EmulatedDrives
 
 #: Time between two wake-ups of a simulation [s].
 SIMULATION_PERIOD = 0.005
@@ -45,10 +49,6 @@ SIMULATION_PERIOD = 0.005
 SIMULATION_SILENCE = 0.5
 #: Time after which a thread that answers requests lets the cycle go first [s].
 SWITCH_INTERVAL = 0.0003
-#: Priorities of the cycle and of the threads beside it, where real-time scheduling is granted.
-CYCLE_PRIORITY, HELPER_PRIORITY = 80, 60
-#: Overruns in a row after which the machine stops.
-MOST_OVERRUNS = 25
 
 
 class RealTimeLoop:
@@ -58,11 +58,18 @@ class RealTimeLoop:
         machine: Description of the machine.
         folder: State folder.
         listening: Socket that clients connect to.
+        drives: The process of emulated drives, or None.
     """
 
-    def __init__(self, machine: Machine, folder: Path, listening: socket.socket) -> None:
+    def __init__(
+        self,
+        machine: Machine,
+        folder: Path,
+        listening: socket.socket,
+        drives: EmulatedDrives | None = None,
+    ) -> None:
         self._machine, self._folder = machine, folder
-        self._executor = build_executor(machine, folder)
+        self._executor = build_executor(machine, folder, drives)
         recover_checkpoint(folder)
         self._page = StatusPage(folder, create=True)
         self._checkpoints = CheckpointWriter(folder / "checkpoint.json")
@@ -75,45 +82,42 @@ class RealTimeLoop:
         batched = self._executor.motion.batched
         #: A simulation that outruns the clock has no hurry, and its client shares the computer.
         self._stale = max(machine.stale_s, SIMULATION_SILENCE if batched else 0.0)
-        self._quiet, self._beat, self._period = 0.0, 0, machine.dt
+        self._quiet, self._beat, self._client = 0.0, 0, 0
         self._alone_since = time.monotonic()
         self._ended = False
-        self._overruns = self._overrun_streak = 0
-        self._late = np.zeros(1000)
-        self._late_count = 0
-        self._calibrating = False
-        self._percentiles = [0.0, 0.0, 0.0]
+        self._schedule = Schedule(machine.dt)
+        self._operations = Operations(self._executor, machine, folder, self.end)
 
     def run(self) -> None:
         """Run until a client says to shut down, or nobody came back."""
-        executor, batched = self._executor, self._executor.motion.batched
+        executor, motion = self._executor, self._executor.motion
         self._warm_up()
         try:
-            executor.motion.open()
+            motion.open()
             executor.dispenser.open()
             self._server.start()
             (self._folder / "ready").touch()
             if self._machine.record:
                 self._start_recorder()
-            scale = self._machine.time_scale if batched else 1.0
-            period = SIMULATION_PERIOD if batched else executor.motion.dt
-            cycles = max(1, round(period * scale / executor.motion.dt)) if batched else 1
-            if batched:
-                period = cycles * executor.motion.dt / scale
-            self._period = period
-            _raise_priority(batched)
+            cycles, period = 1, motion.dt
+            if motion.batched:
+                scale = self._machine.time_scale
+                cycles = max(1, round(SIMULATION_PERIOD * scale / motion.dt))
+                period = cycles * motion.dt / scale
+            _raise_priority(motion.batched)
             sys.setswitchinterval(SWITCH_INTERVAL)
             gc.collect()
             gc.freeze()
             gc.disable()
-            wake = time.monotonic()
+            schedule = self._schedule = Schedule(period)
+            self._alone_since = time.monotonic()  # bringing the bus up took its time
             while not self._ended:
-                wake += executor.motion.clock_correction
-                wake = self._wait(wake + period, period, batched)
-                answers = self._handle_requests()
+                schedule.wait(motion.clock_correction)
+                self._watch_schedule()
                 self._watch_client()
+                answers = self._handle_requests()
                 executor.advance(cycles)
-                self._watch_calibration()
+                self._operations.watch_calibration()
                 self._record()
                 self._ring.put(executor)
                 for answer, value in answers:  # who got an answer finds its effect on the page
@@ -126,23 +130,11 @@ class RealTimeLoop:
         self._executor.stop("the real-time process was told to end")
         self._ended = True
 
-    # -- schedule -----------------------------------------------------------------------
-
-    def _wait(self, wake: float, period: float, batched: bool) -> float:
-        ahead = wake - time.monotonic()
-        if ahead > 0:
-            time.sleep(ahead)
-        late = time.monotonic() - wake
-        self._late[self._late_count % len(self._late)] = late
-        self._late_count += 1
-        if late <= period:
-            self._overrun_streak = 0
-            return wake
-        self._overruns += 1
-        self._overrun_streak += 1
-        if not batched and self._overrun_streak >= MOST_OVERRUNS:
+    def _watch_schedule(self) -> None:
+        """Stop a machine whose cycles come late again and again, where the axes do not wait."""
+        motion = self._executor.motion
+        if self._schedule.overrun and not motion.batched and not motion.waits:
             self._executor.fail(f"{MOST_OVERRUNS} cycles in a row began late")
-        return time.monotonic()  # the missed cycles are not made up for
 
     def _warm_up(self) -> None:
         """Do once what is slow the first time: loading and checking a job."""
@@ -180,115 +172,14 @@ class RealTimeLoop:
 
     def _ask(self, request: dict[str, Any]) -> dict[str, Any]:
         """Run a request between two cycles; called on the server's thread."""
-        prepared = self._prepare(request)
+        prepared = self._operations.prepare(request)
         answer: queue.SimpleQueue = queue.SimpleQueue()
         self._requests.put((prepared, answer))
         return answer.get(timeout=30.0)
 
-    def _prepare(self, request: dict[str, Any]) -> Callable[[], dict[str, Any]]:
-        """Do the slow part of a request; what it returns runs between two cycles."""
-        executor, op = self._executor, request.get("op")
-        if op == "load":
-            with np.load(self._folder / request["job"], allow_pickle=False) as file:
-                arrays = {name: file[name] for name in file.files}
-            way = arrays.pop("waypoints")
-            arrays["joint_names"] = tuple(str(name) for name in arrays["joint_names"])
-            job = PrintJob(**arrays)
-            job.digest()
-            executor.check_job(job)
-            keys = ("start_u", "lead_s", "lag_s", "overlap_s")
-            options = {key: float(request.get(key, 0.0)) for key in keys}
-            return lambda: _done(lambda: executor.load(job, waypoints=way, **options))
-        if op == "move":
-            goal = np.array(request["positions"], np.float64)
-            return lambda: _done(lambda: self._move(goal, float(request["speed_ratio"])))
-        if op == "pressure":  # a serial line takes longer than a cycle
-            executor.dispenser.set_pressure(float(request["pascal"]))
-            return dict
-        if op == "calibrate":
-            calibration = self._calibration(request)
-            return lambda: _done(lambda: self._calibrate(calibration))
-        simple: dict[str, Callable[[], Any]] = {
-            "enable": executor.enable,
-            "disable": executor.disable,
-            "pause": executor.pause,
-            "resume": executor.resume,
-            "stop": executor.stop,
-            "reset_fault": executor.reset_fault,
-            "home": executor.home,
-            "shutdown": self.end,
-            "run": lambda: executor.run(float(request.get("override", 1.0))),
-            "override": lambda: setattr(
-                executor, "override", min(max(float(request["ratio"]), 0.05), 1.0)
-            ),
-            "inject": lambda: self._inject(str(request["fault"])),
-        }
-        if op not in (*simple, "axes", "hello"):
-            raise InvalidInput(f"unknown request '{op}'; has: {', '.join(sorted(simple))}")
-        if op in ("axes", "hello"):
-            return self._describe
-        return lambda: _done(simple[str(op)])
-
-    def _describe(self) -> dict[str, Any]:
-        motion = self._executor.motion
-        return {
-            "pid": os.getpid(),
-            "hardware": self._machine.hardware,
-            "axes": [[axis.name, axis.state, axis.code] for axis in motion.axes()],
-            "quality": {**motion.quality.details},
-        }
-
-    def _move(self, goal: np.ndarray, ratio: float) -> None:
-        """Load and start a slow straight joint move."""
-        executor = self._executor
-        here = executor.positions
-        job = PrintJob(
-            joint_names=executor.motion.joint_names,
-            times=np.array([0.0, 0.01]),
-            positions=np.array([goal, goal]),
-            velocities=np.zeros((2, len(here))),
-            extrude=np.zeros(2, np.bool_),
-            path_id=np.full(2, -1),
-            path_layer=np.zeros(0, np.int64),
-        )
-        executor.load(job)
-        executor.digest = ""
-        executor.run(ratio)
-
-    def _calibration(self, request: dict[str, Any]) -> PrintJob:
-        """Make the run that records the axes' disturbance; by default over most of each axis."""
-        executor, limits = self._executor, self._executor.limits
-        inset = 0.05 * (limits.upper - limits.lower)
-        lower = np.array(request.get("lower", limits.lower + inset), np.float64)
-        upper = np.array(request.get("upper", limits.upper - inset), np.float64)
-        speeds = np.array(request.get("speeds", 0.01 * limits.velocity), np.float64)
-        names = executor.motion.joint_names
-        job = calibration_job(names, executor.positions.copy(), lower, upper, speeds)
-        executor.check_job(job)
-        return job
-
-    def _calibrate(self, job: PrintJob) -> None:
-        executor = self._executor
-        executor.load(job)
-        executor.digest = ""
-        executor.motion.start_recording()
-        executor.run()
-        self._calibrating = True
-
-    def _watch_calibration(self) -> None:
-        if self._calibrating and self._executor.state != "printing":
-            self._calibrating = False
-            self._executor.motion.finish_recording(keep=self._executor.state == "done")
-
-    def _inject(self, fault: str) -> None:
-        inject = getattr(self._executor.motion, "inject", None)
-        if inject is None:
-            raise InvalidInput(f"{self._machine.hardware} hardware takes no injected faults")
-        inject(fault)
-
     def _handle_requests(self) -> list[tuple[queue.SimpleQueue, dict[str, Any]]]:
         answers: list[tuple[queue.SimpleQueue, dict[str, Any]]] = []
-        while True:
+        while self._server.clients == self._client:  # else the change is looked at first
             try:
                 work, answer = self._requests.get_nowait()
             except queue.Empty:
@@ -300,15 +191,18 @@ class RealTimeLoop:
             except Exception as error:
                 text = f"unexpected {type(error).__name__}: {error}"
                 answers.append((answer, {"error": text, "code": 99}))
+        return answers
 
     def _watch_client(self) -> None:
         executor, now = self._executor, time.monotonic()
-        connected = self._server.connected
-        if connected:
+        # Another client may wait already when one goes: it is not the one who asked.
+        connected, before = self._server.connected, self._client
+        self._client = self._server.clients
+        if connected and self._client == before:
             self._had_client, self._alone_since = True, now
             # Counted in cycles: what stalls this process too is no silence of the client.
             beat = self._page.last_beat
-            self._quiet = self._quiet + self._period if beat == self._beat else 0.0
+            self._quiet = self._quiet + self._schedule.period if beat == self._beat else 0.0
             self._beat = beat
             watched = executor.state in ("printing", "pausing", "homing")
             if watched and self._quiet > self._stale:
@@ -320,11 +214,12 @@ class RealTimeLoop:
             self._ended = True
 
     def _record(self) -> None:
-        if self._late_count % 200 == 0:
-            late = np.sort(self._late[: min(self._late_count, len(self._late))])
-            self._percentiles = [float(late[int((len(late) - 1) * q)]) for q in (0.5, 0.99, 1.0)]
+        schedule = self._schedule
         self._shown.show(
-            self._executor, time.monotonic(), overruns=self._overruns, lateness=self._percentiles
+            self._executor,
+            time.monotonic(),
+            overruns=schedule.overruns,
+            lateness=schedule.lateness,
         )
 
     def _close(self) -> None:
@@ -348,11 +243,6 @@ class RealTimeLoop:
                 self._recorder.wait(timeout=5.0)
 
 
-def _done(work: Callable[[], Any]) -> dict[str, Any]:
-    work()
-    return {}
-
-
 def _raise_priority(batched: bool) -> None:
     """Ask for real-time scheduling where there is a bus; it may be refused.
 
@@ -363,28 +253,30 @@ def _raise_priority(batched: bool) -> None:
         return
     import ctypes
 
-    with contextlib.suppress(OSError):
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(CYCLE_PRIORITY))
-        for thread in threading.enumerate():
-            if thread is not threading.current_thread() and thread.native_id:
-                param = os.sched_param(HELPER_PRIORITY)
-                os.sched_setscheduler(thread.native_id, os.SCHED_FIFO, param)
+    for thread in threading.enumerate():
+        if thread.native_id:
+            mine = thread is threading.current_thread()
+            claim(CYCLE if mine else HELPERS, thread.native_id)
     with contextlib.suppress(OSError):
         ctypes.CDLL(None).mlockall(3)
 
 
-def main() -> int:
-    """Run the process; the exit status is 4 where the hardware failed."""
-    folder = Path(sys.argv[1])
+def run(machine: Machine, folder: Path, listening: int, drives: EmulatedDrives | None) -> int:
+    """Run the process; the exit status is 4 where the hardware failed.
+
+    Args:
+        machine: Description of the machine.
+        folder: State folder.
+        listening: Descriptor of the socket that clients connect to.
+        drives: The process of emulated drives, or None.
+    """
     failed = folder / "failed"
-    failed.unlink(missing_ok=True)
     try:
-        listening = socket.socket(fileno=int(sys.argv[2]))
-        loop = RealTimeLoop(read_machine(folder), folder, listening)
+        loop = RealTimeLoop(machine, folder, socket.socket(fileno=listening), drives)
         signal.signal(signal.SIGTERM, loop.end)
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal's ctrl-c is the client's
         loop.run()
-    except (DriverError, VegaError) as error:
+    except VegaError as error:
         failed.write_text(f"{error.code} {error}")
         return 4
     except Exception as error:
@@ -392,7 +284,3 @@ def main() -> int:
         traceback.print_exc()
         return 4
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

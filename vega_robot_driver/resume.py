@@ -13,6 +13,8 @@ from vega_planner.datatypes import Bools, Floats
 CROSSING_HEIGHT = 0.010
 #: How far the tip backs off along the nozzle before it rises [m].
 BACK_OFF = 0.003
+#: Rows in which the crossing is looked at, how far it may dip [m], and how often it is raised.
+_ROWS, _DIP, _RAISED = 33, 1e-5, 4
 
 
 class _Solutions(Protocol):
@@ -41,7 +43,9 @@ def approach(robot: Kinematics, here: Floats, goal: Floats, top_m: float) -> Flo
     """Find joint configurations that lead over what is printed.
 
     The tip backs off along the nozzle, rises above everything, crosses, comes down above
-    the goal and meets it along the nozzle. A height out of reach is left out.
+    the goal and meets it along the nozzle. Where the nozzle turns while it crosses, the tip
+    swings on an arc: it rises so much higher that it nowhere dips below. A height out of reach
+    is left out.
 
     Args:
         robot: The robot.
@@ -54,9 +58,20 @@ def approach(robot: Kinematics, here: Floats, goal: Floats, top_m: float) -> Flo
     """
     if np.abs(here - goal).max() < 1e-9:
         return np.zeros((0, len(here)))
-    safe = top_m + CROSSING_HEIGHT
-    leaving = _raised(robot, here, safe)
-    arriving = _raised(robot, goal, safe)
+    safe = height = top_m + CROSSING_HEIGHT
+    leaving, arriving = _raised(robot, here, safe), _raised(robot, goal, safe)
+    for _ in range(_RAISED):
+        if not leaving or not arriving:
+            break
+        crossing = np.linspace(leaving[-1], arriving[-1], _ROWS)
+        dip = safe - float(robot.forward(crossing)[0][:, 2].min())
+        if dip <= _DIP:
+            break
+        height += dip
+        higher = _raised(robot, here, height), _raised(robot, goal, height)
+        if len(higher[0]) < len(leaving) or len(higher[1]) < len(arriving):
+            break
+        leaving, arriving = higher
     return np.array([*leaving, *arriving[::-1]]).reshape(-1, len(here))
 
 

@@ -21,7 +21,7 @@ OUTSIDE = ("http://", "https://", "<script", ' src="/', "<link")
 @pytest.fixture(scope="module")
 def ball(tmp_path_factory):
     sys.path.insert(0, str(ROOT / "tools"))
-    from warm_kernels import half_ball
+    from kernel_cases import half_ball
 
     vertices, faces = half_ball(5.0, 10, 24)
     path = tmp_path_factory.mktemp("part") / "ball.obj"

@@ -25,8 +25,9 @@ from synthetic import JOINTS, LIMITS, zigzag_job
 from vega_planner.errors import DriverError, Faulted, InvalidInput, Refused
 from vega_robot_driver.control.calibration import calibration_job
 from vega_robot_driver.dispenser.digital_output import DigitalOutputDispenser
-from vega_robot_driver.executor import Executor, Limits
+from vega_robot_driver.executor import Executor
 from vega_robot_driver.job import PrintJob
+from vega_robot_driver.limits import Limits
 from vega_robot_driver.motion.bus_config import BusConfig, read_bus_config
 from vega_robot_driver.motion.direct_bus import DirectDrives, DirectMotion
 
@@ -87,7 +88,7 @@ def test_swapped_cables_do_not_swap_axes(tmp_path):
 @pytest.mark.parametrize(
     ("key", "value", "text"),
     [
-        ("serial", 999, "no drive has y_axis's serial number 102; found: .*999"),
+        ("serial", 999, "no drive has y_axis's serial 102; found: .*999"),
         ("product", 0x777, r"the drive of y_axis \(serial 102\) is .* product 0x777"),
         ("vendor", 0x1234, r"the drive of y_axis \(serial 102\) is vendor 0x1234"),
     ],

@@ -17,8 +17,9 @@ from synthetic import JOINTS, LIMITS, zigzag_job
 
 from vega_planner.errors import Busy, Faulted, InvalidInput, Refused
 from vega_robot_driver.dispenser.simulated import SimulatedDispenser
-from vega_robot_driver.executor import Executor, Limits
+from vega_robot_driver.executor import Executor
 from vega_robot_driver.job import PrintJob
+from vega_robot_driver.limits import Limits
 from vega_robot_driver.motion.simulated import SimulatedMotion
 
 

@@ -20,6 +20,7 @@ from vega_planner.printability.certificate import certificate
 from vega_planner.printability.collisions import check_toolpaths, with_check
 from vega_planner.printability.leave_out import leave_out, leave_out_everything
 from vega_planner.printability.repair import resolve_collisions
+from vega_planner.printability.robot_body import BodyCheck, BodyHit, with_body
 from vega_planner.progress import silent
 from vega_planner.settings import PrintabilitySettings, Settings
 from vega_planner.toolpaths.coverage import deposited_volume
@@ -133,7 +134,7 @@ def plan():
         ("x", "y"), np.array([0.0, 1.0]), np.zeros((2, 2)), np.zeros((2, 2)),
         np.zeros(2, bool), np.array([-1, 0]), np.eye(4),
     )  # fmt: skip
-    return dome().part, Settings(), default_cell(), paths, motion, check(paths)
+    return dome().part, Settings(), default_cell(), paths, motion, check(paths), BodyCheck()
 
 
 def test_equal_plans_have_equal_certificates(plan):
@@ -141,19 +142,37 @@ def test_equal_plans_have_equal_certificates(plan):
     assert certificate(*plan)["collision_free"] is True
 
 
+def test_a_touching_link_takes_the_certificate_and_the_status_like_a_colliding_nozzle(plan):
+    hit = BodyHit("arm", "plate", 3.0, (1.0, 2.0, -1.0), 7)
+    touching = BodyCheck((hit,), checked=20, touching=7)
+    proof = certificate(*plan[:-1], touching)
+    assert proof["collision_free"] is False
+    assert proof["check"]["touching_samples"] == 7
+    assert proof["check"]["touching_links"] == ["arm: plate"]
+    good = PrintabilityReport("fully", 1.0, 1.0, 1.0)
+    assert with_body(good, BodyCheck()) is good
+    judged = with_body(good, touching)
+    assert judged.status == "not"
+    assert judged.reasons[-1].code == "robot_body"
+    for word in ("'arm'", "plate", "--pose", "max_tilt_deg"):
+        assert word in judged.reasons[-1].remedy
+
+
 def test_every_input_shows_in_the_certificate(plan):
-    part, settings, cell, paths, motion, outcome = plan
+    part, settings, cell, paths, motion, *outcome = plan
     seen = certificate(*plan)
     moved = replace(part, vertices=part.vertices + np.array([0, 0, 1e-9]))
     other = replace(paths, passes=paths.passes[:2], travels=paths.travels[:3])
     later = replace(motion, times=motion.times + 1e-12 + [0, 1e-9])
     tool = replace(cell.tool, radius=cell.tool.radius * 1.01)
     changed = {
-        "part": certificate(moved, settings, cell, paths, motion, outcome),
-        "settings": certificate(part, settings.updated({"seed": 1}), cell, paths, motion, outcome),
-        "tool": certificate(part, settings, replace(cell, tool=tool), paths, motion, outcome),
-        "toolpath": certificate(part, settings, cell, other, motion, outcome),
-        "trajectory": certificate(part, settings, cell, paths, later, outcome),
+        "part": certificate(moved, settings, cell, paths, motion, *outcome),
+        "settings": certificate(
+            part, settings.updated({"seed": 1}), cell, paths, motion, *outcome
+        ),
+        "tool": certificate(part, settings, replace(cell, tool=tool), paths, motion, *outcome),
+        "toolpath": certificate(part, settings, cell, other, motion, *outcome),
+        "trajectory": certificate(part, settings, cell, paths, later, *outcome),
     }
     for name, proof in changed.items():
         differ = {k for k in seen["sha256"] if seen["sha256"][k] != proof["sha256"][k]}

@@ -1,17 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A sample result, a stand-in for robot and planner, and a real browser."""
+"""A sample result, the real nodes, and a real browser."""
 
 import importlib.util
+import os
 import sys
-import threading
 import time
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
-from vega_planner.viewer.job import JobState, LocalJob
-from vega_planner.viewer.result_folder import read_result
+from vega_planner.viewer.job import LocalJob
 from vega_planner.viewer.server import open_viewer
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -33,70 +32,6 @@ def sample(tmp_path_factory):
     """A small result folder."""
     writer = load_module(ROOT / "bench" / "sample_plan.py")
     return writer.write_sample(tmp_path_factory.mktemp("sample") / "dome", **SMALL)
-
-
-class RehearsedJob:
-    """Plans in this process, prints by a clock of its own."""
-
-    PACE = 3.0
-
-    def __init__(self):
-        self.calls = []
-        self.planned_with = None
-        self._state, self._at, self._began = "idle", 0.0, 0.0
-        self._duration = 0.0
-        self._lock = threading.Lock()
-
-    def plan(self, mesh, settings, folder, report):
-        self.calls.append("plan")
-        self.planned_with = settings
-        return LocalJob().plan(mesh, settings, folder, report)
-
-    def print(self, folder, machine):
-        self.calls.append("print")
-        self._duration = read_result(folder).timeline.duration_s
-        with self._lock:
-            self._state, self._at, self._began = "printing", 0.0, time.monotonic()
-
-    def pause(self):
-        self.calls.append("pause")
-        with self._lock:
-            self._at, self._state = self._now(), "paused"
-
-    def resume(self):
-        self.calls.append("resume")
-        with self._lock:
-            self._state, self._began = "printing", time.monotonic()
-
-    def stop(self):
-        self.calls.append("stop")
-        with self._lock:
-            self._at, self._state = self._now(), "idle"
-
-    def _now(self):
-        if self._state != "printing":
-            return self._at
-        return min(self._at + self.PACE * (time.monotonic() - self._began), self._duration)
-
-    def progress(self):
-        with self._lock:
-            at = self._now()
-            if self._state == "printing" and at >= self._duration:
-                self._state, self._at = "done", at
-            if self._state == "idle":
-                return JobState("idle")
-            return JobState(
-                self._state,
-                progress=at / self._duration,
-                path_time_s=at,
-                time_left_s=self._duration - at,
-                dispensing=self._state == "printing",
-                pressure_pa=2.1e5,
-                tracking_error_m=12e-6,
-            )
-
-    def close(self):
-        self.calls.append("close")
 
 
 @pytest.fixture(scope="session")
@@ -158,7 +93,7 @@ def open_tabs(browser):
 
     @contextmanager
     def opened(target, job=None):
-        with open_viewer(str(target), port=0, make_job=lambda: job or RehearsedJob()) as (
+        with open_viewer(str(target), port=0, make_job=lambda: job or LocalJob()) as (
             viewer,
             url,
         ):
@@ -190,5 +125,12 @@ def _until():
 
 
 @pytest.fixture
-def rehearsed_job():
-    return RehearsedJob()
+def real_job(monkeypatch):
+    """Plans and prints through the real nodes, on this machine only."""
+    from vega_planner.nodes.viewer_port import RosJob
+
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(101 + os.getpid() % 100))
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    port = RosJob()
+    yield port
+    port.close()

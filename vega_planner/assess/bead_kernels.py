@@ -5,14 +5,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from vega_planner.compiled import kernel
 
 #: Steps of the fixed-point field per voxel, and its largest value.
 STEPS = 2048
 LIMIT = 32767
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def thin_rows(points, axes, width, height, joined, tolerance, keep):
     """Mark the rows that are needed to follow the beads within a tolerance.
 
@@ -78,7 +79,7 @@ def thin_rows(points, axes, width, height, joined, tolerance, keep):
 
 
 # numpy's error model: a check for division by zero would keep the loop from being vectorised
-@njit(nogil=True, cache=True, fastmath=True, error_model="numpy")
+@kernel(fastmath=True, error_model="numpy")
 def _draw_row(
     row, ramp, x0, y, z, dx, dy, dz, inverse, ux, uy, uz, vx, vy, vz, flat, more_flat, tall,
     more_tall, radius, more_radius, scale,
@@ -106,7 +107,7 @@ def _draw_row(
         row[i] = min(row[i], np.int16(value))
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def draw_beads(field, first_z, origin, voxel, chosen, starts, ends, up0, up1, section, band):
     """Draw beads into the slab of a field: the least signed distance wins.
 

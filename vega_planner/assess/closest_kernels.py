@@ -11,12 +11,13 @@ a printed surface has a million triangles and is asked once.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from vega_planner.compiled import kernel
 
 LEAF = 4
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def morton_codes(centres, low, scale):
     """Interleave the bits of quantised triangle centres.
 
@@ -35,7 +36,7 @@ def morton_codes(centres, low, scale):
     return codes
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def build_boxes(corners, order, first_leaf):
     """Fill the heap of boxes from the leaves up.
 
@@ -65,7 +66,7 @@ def build_boxes(corners, order, first_leaf):
     return boxes
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def _box_distance2(boxes, node, x, y, z):
     dx = max(boxes[node, 0] - x, 0.0, x - boxes[node, 3])
     dy = max(boxes[node, 1] - y, 0.0, y - boxes[node, 4])
@@ -73,7 +74,7 @@ def _box_distance2(boxes, node, x, y, z):
     return dx * dx + dy * dy + dz * dz
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def closest_on_triangle(corners, face, x, y, z, foot):
     """Find the point of a triangle closest to a point.
 
@@ -122,7 +123,7 @@ def closest_on_triangle(corners, face, x, y, z, foot):
     return dx * dx + dy * dy + dz * dz, feature
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def closest(corners, order, boxes, first_leaf, x, y, z, hint, bound2, foot):
     """Find the closest point of a mesh.
 
@@ -179,7 +180,7 @@ def closest(corners, order, boxes, first_leaf, x, y, z, hint, bound2, foot):
     return best, face, feature
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def closest_many(
     corners, order, boxes, first_leaf, normals, points, bound, signed, feet, faces, features
 ):

@@ -5,17 +5,18 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from vega_planner.compiled import kernel
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def _value(field, z, y, x):
     """Field value that is never zero: zero would put three vertices at one node."""
     value = field[z, y, x]
     return np.float64(value) if value != 0 else 1.0
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def count_crossings(field, counts):
     """Count the edges between nodes of different sign and the triangles.
 
@@ -47,7 +48,7 @@ def count_crossings(field, counts):
     return vertices, triangles
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def march(field, origin, voxel, counts, table, vertices, faces):
     """Extract the surface where the field changes its sign.
 

@@ -5,10 +5,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from vega_planner.compiled import kernel
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _frame(p, q, n, m, frame):
     """Frame of two points with normals: along their line, along the mean normal, across."""
     length, along = 0.0, 0.0
@@ -34,7 +35,7 @@ def _frame(p, q, n, m, frame):
     return True
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _misfit(pose, probes, grid, origin, step, limit, give_up):
     """Mean distance of moved points to the target, each at most `limit`."""
     total, enough = 0.0, give_up * len(probes)
@@ -57,7 +58,7 @@ def _misfit(pose, probes, grid, origin, step, limit, give_up):
     return total / len(probes)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def try_pairs(
     scan, scan_normals, scan_pairs, target, target_normals, target_pairs, first, last, most,
     probes, grid, origin, step, limit, poses, scores,

@@ -5,9 +5,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from vega_planner.assess.bead_kernels import LIMIT, STEPS
+from vega_planner.compiled import kernel
 
 #: Samples along each side of a cell that a surface passes.
 SUB = 4
@@ -17,7 +17,7 @@ SAMPLES = SUB**3 + 8
 _REACH = 0.9
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def surface_cells(printed, first_z, last_z, floor):
     """List the cells that the seen surface passes, or that lie beside one.
 
@@ -59,7 +59,7 @@ def surface_cells(printed, first_z, last_z, floor):
     return found[:count].copy()
 
 
-@njit(nogil=True, cache=True, inline="always", fastmath=True)
+@kernel(inline="always", fastmath=True)
 def _value(x, y, z, direction, inverse, up, turn, size, more):
     """Signed distance to a bead of a point relative to its start."""
     t = (x * direction[0] + y * direction[1] + z * direction[2]) * inverse
@@ -74,7 +74,7 @@ def _value(x, y, z, direction, inverse, up, turn, size, more):
     return np.sqrt(out * out + above * above) - size[2] - t * more[2]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def sample_beads(cells, shape, origin, voxel, chosen, starts, ends, up0, up1, section, samples):
     """Measure the signed distance to the union of beads at samples of cells.
 

@@ -9,10 +9,11 @@ forest: a grid of 60 million nodes holds a few hundred thousand runs.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from vega_planner.compiled import kernel
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _root(parents, run):
     while parents[run] != run:
         parents[run] = parents[parents[run]]
@@ -20,7 +21,7 @@ def _root(parents, run):
     return run
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def find_runs(field, threshold, seen, skip_seen):
     """Collect runs of nodes at or above a threshold.
 
@@ -59,7 +60,7 @@ def find_runs(field, threshold, seen, skip_seen):
     return rows, runs[:total].copy()
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def join_runs(rows, runs, count_z, count_y):
     """Join runs that touch across rows and planes.
 
@@ -93,7 +94,7 @@ def join_runs(rows, runs, count_z, count_y):
     return parents
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def mark_outside(rows, runs, parents, seen):
     """Mark the components of runs that reach the grid's sides or top.
 
@@ -119,7 +120,7 @@ def mark_outside(rows, runs, parents, seen):
                     seen[iz, iy, ix] = 1
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def spread(field, seen, steps):
     """Let marks spread into empty nodes beside them, at most a number of steps.
 
@@ -164,7 +165,7 @@ def spread(field, seen, steps):
         count = left
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def fill_unseen(field, rows, runs, parents, steps_per_voxel):
     """Fill the empty nodes of runs and measure what was filled.
 

@@ -5,11 +5,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from vega_planner.assess.bead_kernels import LIMIT, STEPS
 from vega_planner.assess.closest_kernels import closest
 from vega_planner.assess.sample_kernels import SUB
+from vega_planner.compiled import kernel
 
 #: Steps by which a field may differ from an exact distance by rounding.
 _ROUNDING = 2
@@ -32,7 +32,7 @@ def _sample_weights() -> np.ndarray:
 _WEIGHTS = _sample_weights()
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _signed(corners, order, boxes, first_leaf, normals, x, y, z, hint, bound, foot):
     distance2, face, feature = closest(
         corners, order, boxes, first_leaf, x, y, z, hint, bound * bound, foot
@@ -48,7 +48,7 @@ def _signed(corners, order, boxes, first_leaf, normals, x, y, z, hint, bound, fo
     return (-distance if side < 0 else distance), face
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def draw_mesh(field, first_z, origin, voxel, band, corners, order, boxes, first_leaf, normals):
     """Fill a slab with the signed distance to a closed mesh, exact within a band.
 
@@ -120,14 +120,14 @@ def draw_mesh(field, first_z, origin, voxel, band, corners, order, boxes, first_
                                     top += 1
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _coverage(value, all_inside, step):
     if all_inside:
         return 1.0
     return min(max(0.5 - value / step, 0.0), 1.0)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _corner_values(field, z, y, x, values):
     """Collect the corners of a cell; returns whether all are inside, and all outside."""
     inside, outside = True, True
@@ -139,7 +139,7 @@ def _corner_values(field, z, y, x, values):
     return inside, outside
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _is_exact(corners, samples):
     """Tell whether the beads alone make a cell: nothing in it was filled or cut."""
     for k in range(8):
@@ -149,7 +149,7 @@ def _is_exact(corners, samples):
     return True
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def compare_fields(printed, target, first_z, last_z, looked_at, samples):
     """Measure by volume where two solids differ, cell by cell.
 

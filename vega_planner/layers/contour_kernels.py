@@ -12,8 +12,8 @@ vertex that has both kinds lies on the rim of its layer.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from vega_planner.compiled import kernel
 from vega_planner.layers.grid_kernels import FACING, INSIDE
 from vega_planner.layers.triangle_kernels import closest, first_hit, measure, nearest, walk
 from vega_planner.layers.vertex_kernels import (
@@ -24,7 +24,7 @@ from vega_planner.layers.vertex_kernels import (
 )
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def find_exits(brr_tri, brr_box, origin, h, state, d, level, narrow, ny, nz, first, last, leave):
     """Find where edges from inside to beyond the restraint region leave the part.
 
@@ -61,7 +61,7 @@ def find_exits(brr_tri, brr_box, origin, h, state, d, level, narrow, ny, nz, fir
                         leave[n, axis] = -1.0 if both else e
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def root_along(tri, sa, sb, px, py, pz, axis, length, da, db, r):
     """Find where the distance to two triangles passes r along an edge of the grid.
 
@@ -93,7 +93,7 @@ def root_along(tri, sa, sb, px, py, pz, axis, length, da, db, r):
     return u, s
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def crossing(d, gradient, level, lev, a, b, axis, h, r):
     """Estimate where a level crosses the edge of the grid from node a to node b.
 
@@ -114,7 +114,7 @@ def crossing(d, gradient, level, lev, a, b, axis, h, r):
     return 1.0 - u if turned else u
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def is_real(tri, origin, h, state, d, slot, leave, n, axis, step, ny, nz, r):
     """Tell whether a crossed edge of the grid meets the level inside the part."""
     m = n + step
@@ -140,7 +140,7 @@ def is_real(tri, origin, h, state, d, slot, leave, n, axis, step, ny, nz, r):
     return u < leave[n, axis]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def count_vertices(level, corner_step, counts, ny, nz, first, last, base):
     """Count the vertices each cell will have, over all levels."""
     for i in range(first, last):
@@ -163,7 +163,7 @@ def count_vertices(level, corner_step, counts, ny, nz, first, last, base):
                 base[n] = total
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def make_vertices(
     tri,
     corner,

@@ -5,8 +5,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from vega_planner.compiled import kernel
 from vega_planner.layers.grid_kernels import INSIDE
 from vega_planner.layers.triangle_kernels import first_hit, nearest
 from vega_planner.part.surface_kernels import cross_of
@@ -15,7 +15,7 @@ from vega_planner.part.surface_kernels import cross_of
 OPEN, OPPOSED, REGION = 0, 1, 2
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def mark_last(
     points, inward, ahead, origin, h, shape, state, distance, gradient, depth, first, last, out
 ):
@@ -50,7 +50,7 @@ def mark_last(
             out[i] = 0
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def measure_room(tri, box, brr_tri, brr_box, feet, inward, limit, first, last, room, kind):
     """Measure how far from its foot on S a front runs before it meets another.
 
@@ -106,7 +106,7 @@ def measure_room(tri, box, brr_tri, brr_box, feet, inward, limit, first, last, r
         kind[i] = found
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def measure_areas(vertices, faces, areas):
     """Work out the area of each face."""
     normal = np.zeros(3)
@@ -114,7 +114,7 @@ def measure_areas(vertices, faces, areas):
         areas[f] = 0.5 * cross_of(vertices, faces[f, 0], faces[f, 1], faces[f, 2], normal)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def average_rooms(faces, room, opposed, first, gap, meets):
     """Average the room over the corners of each face where it ends, less `first`."""
     for f in range(len(faces)):
@@ -129,7 +129,7 @@ def average_rooms(faces, room, opposed, first, gap, meets):
         gap[f] = total / count - first if count else np.inf
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def carry_rooms(faces, room, carried):
     """Give corners without a room the mean of what faces with measured corners have.
 

@@ -5,13 +5,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from vega_planner.compiled import kernel
 from vega_planner.layers.triangle_kernels import measure, off_plane
 from vega_planner.part.surface_kernels import cross_of
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def lay_triangle(vertices, a, b, c, normal, length, tri):
     """Lay out one triangle as a row of `triangle_kernels`."""
     for k in range(3):
@@ -26,7 +26,7 @@ def lay_triangle(vertices, a, b, c, normal, length, tri):
         tri[0, 15] += tri[0, 6 + k] * tri[0, 6 + k]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def cover(vertices, faces, thickness, origin, spacing, shape, inside, covered):
     """Mark the inside points of a lattice that lie within half the thickness of a face.
 

@@ -5,14 +5,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from vega_planner.compiled import kernel
 from vega_planner.layers.contour_kernels import is_real
 from vega_planner.layers.grid_kernels import INSIDE
 from vega_planner.layers.triangle_kernels import walk
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def vertex_of(level, corner_step, counts, members, base, cell, lev, edge):
     """Number the vertex that an edge of a cell has at a level."""
     low = level[cell]
@@ -30,7 +30,7 @@ def vertex_of(level, corner_step, counts, members, base, cell, lev, edge):
     return -1
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def count_crossings(level, state, ny, nz, first, last):
     """Count where edges of the grid cross levels, and may do so inside the part."""
     step = (ny * nz, nz, 1)
@@ -46,7 +46,7 @@ def count_crossings(level, state, ny, nz, first, last):
     return total
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def make_quads(
     tri,
     origin,
@@ -111,7 +111,7 @@ def make_quads(
     return total
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def split_quads(
     tri,
     corner,
@@ -164,7 +164,7 @@ def split_quads(
             faces[2 * q + 1] = (b, c, e)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def count_by_level(vertex_level, faces, used, counts):
     """Count the faces of each level, and mark their vertices as used."""
     for f in range(len(faces)):
@@ -173,7 +173,7 @@ def count_by_level(vertex_level, faces, used, counts):
         counts[vertex_level[faces[f, 0]]] += 1
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def number_by_level(vertex_level, used, start, rows, number):
     """List the used vertices level by level.
 
@@ -198,7 +198,7 @@ def number_by_level(vertex_level, used, start, rows, number):
             fill[lev] += 1
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def sort_by_level(vertex_level, faces, number, fill, sorted_faces):
     """Put faces in the places of their levels, with the numbers of their corners there."""
     for f in range(len(faces)):

@@ -10,13 +10,13 @@ of the way from S to them.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from vega_planner.compiled import kernel
 from vega_planner.layers.grid_kernels import INSIDE, NONE
 from vega_planner.layers.triangle_kernels import closest, first_hit
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def blocked(brr_tri, brr_box, x, y, z, fx, fy, fz, stack):
     """Tell whether the restraint region lies between a point and a source."""
     dx, dy, dz = fx - x, fy - y, fz - z
@@ -32,7 +32,7 @@ def blocked(brr_tri, brr_box, x, y, z, fx, fy, fz, stack):
     return s >= 0 and u < 1.0
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def source_point(tri, s, x, y, z):
     """Distance to a source, and the point of it that the way leads to."""
     d2, fx, fy, fz = closest(tri, s, x, y, z)
@@ -41,7 +41,7 @@ def source_point(tri, s, x, y, z):
     return np.sqrt(d2), fx, fy, fz
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def find_blocked(tri, brr_tri, brr_box, origin, h, state, ny, nz, first, last, slot, shaded):
     """Mark the nodes inside whose straight way to S leaves the part.
 
@@ -64,7 +64,7 @@ def find_blocked(tri, brr_tri, brr_box, origin, h, state, ny, nz, first, last, s
     return total
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def relax_sources(tri, first_source, brr_tri, brr_box, origin, h, shape, state, slot, touched):
     """Shorten the head starts of the sources by way of the nodes around them.
 
@@ -103,7 +103,7 @@ def relax_sources(tri, first_source, brr_tri, brr_box, origin, h, shape, state, 
     return changed
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def sweep_inside(
     tri,
     first_source,
@@ -190,7 +190,7 @@ def sweep_inside(
     return changed
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def extend_ring(tri, origin, h, state, shaded, ny, nz, first, last, d, slot):
     """Carry the sources of shaded nodes on to the ring of nodes outside them."""
     for i in range(max(first, 1), last):

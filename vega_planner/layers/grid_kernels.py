@@ -9,8 +9,8 @@ fastest, and at least two nodes wide outside the part so that neighbours always 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from vega_planner.compiled import kernel
 from vega_planner.layers.triangle_kernels import (
     SAME_BASIN,
     closest,
@@ -35,7 +35,7 @@ DONE, FRESH, STALE = 0, 1, 2
 HIDDEN_MM = 0.02
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def edge_side(px, py, qx, qy, x, y):
     """Tell on which side of the line pq a point lies, the same from both triangles."""
     turned = px > qx or (px == qx and py > qy)
@@ -47,7 +47,7 @@ def edge_side(px, py, qx, qy, x, y):
     return -side if turned else side
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def scan_columns(vertices, faces, origin, h, nx, ny, start, height, sign):
     """Cross every column of nodes with the surface.
 
@@ -80,7 +80,7 @@ def scan_columns(vertices, faces, origin, h, nx, ny, start, height, sign):
                 start[column] += 1
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def mark_inside(start, height, sign, nz, state):
     """Mark the nodes with a winding number other than 0, column by column."""
     for column in range(len(start) - 1):
@@ -104,7 +104,7 @@ def mark_inside(start, height, sign, nz, state):
                     state[column * nz + k] = INSIDE
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def mark_ring(state, nx, ny, nz, first, last):
     """Mark the outside nodes that touch an inside one, also across corners."""
     for i in range(max(first, 1), min(last, nx - 1)):
@@ -123,7 +123,7 @@ def mark_ring(state, nx, ny, nz, first, last):
                     state[n] = RING
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def note(tri, s, d2, qx, qy, qz, x, y, z, n, slot, known):
     """Note the nearest triangle of a node, the distance to it and its gradient."""
     r = np.sqrt(d2)
@@ -140,7 +140,7 @@ def note(tri, s, d2, qx, qy, qz, x, y, z, n, slot, known):
     return r
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def start_band(tri, box, origin, h, state, nx, ny, nz, first, last, reach, slot, known, fresh):
     """Find exact nearest triangles for the nodes along the surface.
 
@@ -178,7 +178,7 @@ def start_band(tri, box, origin, h, state, nx, ny, nz, first, last, reach, slot,
                     fresh[n] = DONE
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def sweep(
     tri, corner, ring_start, ring, origin, h, ny, nz, first, last, backwards, slot, known, fresh
 ):
@@ -316,7 +316,7 @@ def sweep(
     return changed
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def part_known(known, first, last, d, gradient):
     """Copy distances and gradients into arrays of their own; unknown distances are 0."""
     for n in range(first, last):
@@ -325,7 +325,7 @@ def part_known(known, first, last, d, gradient):
             gradient[n, k] = known[n, k + 1]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def finish_nodes(
     tri, brr_tri, brr_box, origin, h, state, ny, nz, first, last, r0, t, bent, d, slot, gradient,
     level
@@ -376,7 +376,7 @@ def finish_nodes(
                     level[n] = int(np.ceil((np.float64(d[n]) - r0) / t))
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def mark_hidden(state, d, gradient, level, h, ny, nz, first, last, r0, t, raised):
     """Mark the nodes between which and a neighbour a level is passed there and back.
 
@@ -408,7 +408,7 @@ def mark_hidden(state, d, gradient, level, h, ny, nz, first, last, r0, t, raised
                         raised[n if d[n] >= d[m] else m] = 1
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def mark_bridges(state, d, gradient, level, h, ny, nz, first, last, r0, t, raised):
     """Mark nodes through which a narrow level set goes on from a node to one diagonal to it.
 

@@ -5,8 +5,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from vega_planner.compiled import kernel
 from vega_planner.layers.triangle_kernels import closest, walk
 from vega_planner.layers.vertex_kernels import nearest_about, settle_rim, walk_sheet
 
@@ -14,7 +14,7 @@ from vega_planner.layers.vertex_kernels import nearest_about, settle_rim, walk_s
 WIDE_MM = 0.1
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def flag_edges(
     tri,
     corner,
@@ -73,7 +73,7 @@ def flag_edges(
     return total
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def meet_sheets(tri, corner, ring_start, ring, sa, sb, ga, gb, r, v):
     """Move v to the crease where the level sets of two sheets meet, if that is near.
 
@@ -111,7 +111,7 @@ def meet_sheets(tri, corner, ring_start, ring, sa, sb, ga, gb, r, v):
     return -1
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def place_middles(
     tri,
     corner,
@@ -210,7 +210,7 @@ def place_middles(
         middle_slots[i] = s
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def place_centres(
     tri,
     corner,

@@ -5,22 +5,23 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from vega_planner.compiled import kernel
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def place_of(key, bits):
     """Scatter an edge's key over a table of 2^bits places."""
     return np.int64((np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(64 - bits))
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def edge_key(a, b):
     """Pack an edge into one number, the same from both ends."""
     return (a << 32) | b if a < b else (b << 32) | a
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def number_edges(faces, first, flagged, bits, keys, numbers, ends):
     """Number the flagged edges of faces first: in the order in which they come.
 
@@ -56,7 +57,7 @@ def number_edges(faces, first, flagged, bits, keys, numbers, ends):
     return count
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def find_middles(faces, at_edge, bits, keys, numbers, start, middle, uses):
     """Look up which edges of all faces are numbered.
 
@@ -93,7 +94,7 @@ def find_middles(faces, at_edge, bits, keys, numbers, start, middle, uses):
     return whole, made
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def count_whole(middle):
     """Count the faces without a split edge, and the faces that the others become."""
     whole, made = 0, 0
@@ -108,7 +109,7 @@ def count_whole(middle):
     return whole, made
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def split_into(faces, middle, whole, out):
     """Split the faces at the middles of their edges: those without one first, in order."""
     kept, made = 0, whole

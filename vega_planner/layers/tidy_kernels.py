@@ -5,8 +5,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from vega_planner.compiled import kernel
 from vega_planner.layers.triangle_kernels import walk
 from vega_planner.part.surface_kernels import cross_of
 
@@ -23,7 +23,7 @@ ALIKE = 0.95
 MOST_AROUND = 32
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def squared(vertices, a, b):
     """Return the squared length of an edge."""
     total = 0.0
@@ -32,7 +32,7 @@ def squared(vertices, a, b):
     return total
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def shape_of(vertices, a, b, c, normal):
     """Measure a triangle.
 
@@ -51,7 +51,7 @@ def shape_of(vertices, a, b, c, normal):
     return area / max(longest, 1e-12)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def centre_error(tri, corner, ring_start, ring, vertices, slots, a, b, c, r):
     """Measure how far the centre of a face is from the level set."""
     x = (vertices[a, 0] + vertices[b, 0] + vertices[c, 0]) / 3.0
@@ -64,7 +64,7 @@ def centre_error(tri, corner, ring_start, ring, vertices, slots, a, b, c, r):
     return abs(np.sqrt(least) - r)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def neighbours(faces, start, around, v, out):
     """List the vertices that share an edge with v; a rim vertex has one more than faces."""
     count = 0
@@ -84,13 +84,13 @@ def neighbours(faces, start, around, v, out):
     return count
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def has(faces, f, v):
     """Tell whether a face has a corner."""
     return faces[f, 0] == v or faces[f, 1] == v or faces[f, 2] == v
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def fits(
     tri, corner, ring_start, ring, vertices, slots, a, b, c, r, height, allowed, old, ox, oy, oz
 ):
@@ -104,7 +104,7 @@ def fits(
     return centre_error(tri, corner, ring_start, ring, vertices, slots, a, b, c, r) <= allowed
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def can_merge(
     tri, corner, ring_start, ring, vertices, slots, faces, start, around, r, height, gone, stays,
     mine, others,
@@ -157,7 +157,7 @@ def can_merge(
     return True
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def keeps_side(vertices, slots, tri, new, normal):
     """Tell whether a face looks towards S, as the outward side of a sheet does."""
     shape_of(vertices, new[0], new[1], new[2], normal)
@@ -168,7 +168,7 @@ def keeps_side(vertices, slots, tri, new, normal):
     return False
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def flip(
     tri, corner, ring_start, ring, vertices, slots, faces, start, around, r, height, f, side, mine
 ):
@@ -213,7 +213,7 @@ def flip(
     return g
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def tidy_faces(tri, corner, ring_start, ring, vertices, slots, faces, start, around, r, height):
     """Go through the slivers of a sheet once; faces that vanish get -1 as first corner.
 
@@ -279,7 +279,7 @@ def tidy_faces(tri, corner, ring_start, ring, vertices, slots, faces, start, aro
     return changed, skipped
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def drop_flat(vertices, faces):
     """Put -1 as the first corner of faces with two corners at one place.
 
@@ -296,7 +296,7 @@ def drop_flat(vertices, faces):
     return count
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def mark_ears(vertices, faces, start, around, ears):
     """Mark the faces with two open edges that are folded onto a larger only neighbour."""
     mine, other = np.zeros(3), np.zeros(3)

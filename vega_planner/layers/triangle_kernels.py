@@ -13,7 +13,8 @@ triangle its vertices and for each vertex the triangles around it.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from vega_planner.compiled import kernel
 
 LEAF = 4
 
@@ -22,7 +23,7 @@ LEAF = 4
 SAME_BASIN = 0.99
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def measure(tri, s, x, y, z):
     """Measure the squared distance from (x, y, z) to triangle s.
 
@@ -71,7 +72,7 @@ def measure(tri, s, x, y, z):
     return d2, u, v
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def off_plane(tri, s, x, y, z):
     """Signed distance of a point from the plane of a triangle: none of it is nearer."""
     return (
@@ -79,7 +80,7 @@ def off_plane(tri, s, x, y, z):
     )
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def foot(tri, s, u, v, x, y, z):
     """Place the point a + u ab + v ac of triangle s, as seen from (x, y, z)."""
     qx = tri[s, 0] + u * tri[s, 3] + v * tri[s, 6]
@@ -98,7 +99,7 @@ def foot(tri, s, u, v, x, y, z):
     return qx, qy, qz
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def closest(tri, s, x, y, z):
     """Find the point of triangle s nearest to (x, y, z).
 
@@ -110,7 +111,7 @@ def closest(tri, s, x, y, z):
     return d2, qx, qy, qz
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def heaviest(u, v):
     """Tell which corner the point a + u ab + v ac of a triangle belongs to most."""
     w = 1.0 - u - v
@@ -119,7 +120,7 @@ def heaviest(u, v):
     return 1 if u >= v else 2
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def spread_bits(v):
     """Put two zero bits between the low 20 bits of v."""
     v = (v | (v << 32)) & 0x1F00000000FFFF
@@ -130,7 +131,7 @@ def spread_bits(v):
     return v
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def morton_codes(vertices, faces, low, scale):
     """Number each triangle's centroid along the Z-order curve."""
     out = np.zeros(len(faces), np.int64)
@@ -146,7 +147,7 @@ def morton_codes(vertices, faces, low, scale):
     return out
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def triangle_rows(vertices, faces, order):
     """Lay out the triangles in tree order: corner, two edges, unit normal."""
     tri = np.zeros((len(order), 16))
@@ -172,7 +173,7 @@ def triangle_rows(vertices, faces, order):
     return tri
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def box_tree(tri, leaves):
     """Bound the leaves, then each pair of children."""
     box = np.zeros((2 * leaves - 1, 6))
@@ -197,7 +198,7 @@ def box_tree(tri, leaves):
     return box
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def rings(faces, order, vertex_count):
     """List the triangles around each vertex, as slots in tree order."""
     corner = np.zeros((len(order), 3), np.int32)
@@ -219,7 +220,7 @@ def rings(faces, order, vertex_count):
     return corner, start, ring
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def box_distance2(box, i, x, y, z):
     """Squared distance from a point to box i; 0 inside."""
     dx = max(box[i, 0] - x, 0.0, x - box[i, 3])
@@ -228,7 +229,7 @@ def box_distance2(box, i, x, y, z):
     return dx * dx + dy * dy + dz * dz
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def nearest(tri, box, x, y, z, hint, bound, stack, lower):
     """Find the nearest triangle by the tree.
 
@@ -298,7 +299,7 @@ def nearest(tri, box, x, y, z, hint, bound, stack, lower):
     return best, least
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def nearest_many(tri, box, points, first, last, slot, distance, foot):
     """Answer the nearest-point query for points[first:last]."""
     stack = np.zeros(64, np.int64)
@@ -315,7 +316,7 @@ def nearest_many(tri, box, points, first, last, slot, distance, foot):
         foot[i, 2] = qz
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def walk(tri, corner, ring_start, ring, s, x, y, z):
     """Step from triangle to triangle round the vertex next to the foot, downhill.
 
@@ -345,7 +346,7 @@ def walk(tri, corner, ring_start, ring, s, x, y, z):
     return s, least, qx, qy, qz
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def nearest_or_walk(tri, corner, ring_start, ring, box, x, y, z, hint, stack, lower):
     """Find the nearest triangle to 1e-3 mm, or without a tree what walking reaches."""
     s, d2, _, _, _ = walk(tri, corner, ring_start, ring, hint, x, y, z)
@@ -360,7 +361,7 @@ def nearest_or_walk(tri, corner, ring_start, ring, box, x, y, z, hint, stack, lo
     return q, e2
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def first_hit(tri, box, px, py, pz, qx, qy, qz, stack):
     """Find where the segment from p to q first meets a triangle.
 
@@ -419,7 +420,7 @@ def first_hit(tri, box, px, py, pz, qx, qy, qz, stack):
     return best, max(least, 0.0)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def first_hit_many(tri, box, starts, ends, first, last, slot, parameter):
     """Answer the segment query for rows first:last."""
     stack = np.zeros(64, np.int64)

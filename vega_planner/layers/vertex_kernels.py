@@ -5,8 +5,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from vega_planner.compiled import kernel
 from vega_planner.layers.triangle_kernels import (
     SAME_BASIN,
     closest,
@@ -26,7 +26,7 @@ SAME_SHEET = 0.93
 PLACED_MM = 5e-5
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def solve3(a, b, damping, x):
     """Solve the damped normal equations a x = b for a symmetric 3 by 3 matrix."""
     e = damping + 1e-30
@@ -40,7 +40,7 @@ def solve3(a, b, damping, x):
     x[2] = (c2 * b[0] + (a[1] * a[2] - p * a[4]) * b[1] + (p * q - a[1] * a[1]) * b[2]) / det
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def walk_sheet(tri, corner, ring_start, ring, s, x, y, z, gx, gy, gz):
     """Walk to the local minimum, but stay on the sheet with gradient about g.
 
@@ -73,7 +73,7 @@ def walk_sheet(tri, corner, ring_start, ring, s, x, y, z, gx, gy, gz):
     return s, least, qx, qy, qz
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def walk_wall(tri, corner, ring_start, ring, s, x, y, z):
     """Walk to the local minimum over triangles with about the normal of the first."""
     gx, gy, gz = tri[s, 9], tri[s, 10], tri[s, 11]
@@ -94,7 +94,7 @@ def walk_wall(tri, corner, ring_start, ring, s, x, y, z):
             return s
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def place(
     tri,
     corner,
@@ -245,7 +245,7 @@ def place(
     return hint
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def nearest_about(
     tri, corner, ring_start, ring, slot, d, gradient, origin, h, corner_step, x, y, z, hint, seen
 ):
@@ -296,7 +296,7 @@ def nearest_about(
     return best, least, fx, fy, fz
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def settle_about(
     tri, corner, ring_start, ring, r, slot, d, gradient, origin, h, corner_step, hint, v, seen
 ):
@@ -316,7 +316,7 @@ def settle_about(
     return s
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def settle_rim(
     tri, corner, ring_start, ring, box, brr_tri, brr_box, h, r, hint, v, stack, lower
 ):  # fmt: skip

@@ -10,12 +10,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from vega_planner.compiled import kernel
 
 LEAF = 8
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def build(corners, order, first, last, low, high, middle, dipole, reach):
     """Halve the given order of the triangles again and again, depth first.
 
@@ -73,7 +74,7 @@ def build(corners, order, first, last, low, high, middle, dipole, reach):
     return count
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def winding(points, corners, order, first, last, middle, dipole, reach, accuracy, out):
     """Sum solid angles over the tree, in turns; far nodes by their dipoles."""
     stack = np.empty(128, np.int64)
@@ -119,7 +120,7 @@ def winding(points, corners, order, first, last, middle, dipole, reach, accuracy
         out[q] = total / (4.0 * math.pi)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def distance2(points, corners, order, first, last, low, high, out):
     """Squared distance of points to the nearest triangle [Ericson2005, 5.1.5]."""
     stack = np.empty(128, np.int64)
@@ -148,7 +149,7 @@ def distance2(points, corners, order, first, last, low, high, out):
         out[q] = best
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _box2(px, py, pz, low, high):
     dx = max(low[0] - px, px - high[0], 0.0)
     dy = max(low[1] - py, py - high[1], 0.0)
@@ -156,7 +157,7 @@ def _box2(px, py, pz, low, high):
     return dx * dx + dy * dy + dz * dz
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _triangle2(px, py, pz, t):
     best = np.inf
     for k in range(3):
@@ -185,7 +186,7 @@ def _triangle2(px, py, pz, t):
     return best
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def trilinear(grid, x, y, z):
     """Interpolate a grid at a point in grid units, clamped to the grid."""
     nx, ny, nz = grid.shape

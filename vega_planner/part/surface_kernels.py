@@ -7,10 +7,11 @@ All are linear in the number of faces, since a vertex has few neighbours.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from vega_planner.compiled import kernel
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def vertex_stars(faces, count):
     """List the faces around each vertex.
 
@@ -38,7 +39,7 @@ def vertex_stars(faces, count):
     return offsets, star
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def unique_edges(faces, offsets, star):
     """Number the edges of a mesh.
 
@@ -85,7 +86,7 @@ def unique_edges(faces, offsets, star):
     return ends[:n].copy(), face_edges, sides[:n].copy()
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def vertex_normals(vertices, faces):
     """Unit normals at the vertices, the faces weighted by their area, shape (n, 3)."""
     out = np.zeros(vertices.shape)
@@ -111,7 +112,7 @@ def vertex_normals(vertices, faces):
     return out
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def find_root(parent, v):
     """Find the root of a union-find tree, halving the path on the way."""
     while parent[v] != v:
@@ -120,7 +121,7 @@ def find_root(parent, v):
     return v
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def label_components(ends, labels, count):
     """Join vertices that share an edge and a label.
 
@@ -154,7 +155,7 @@ def label_components(ends, labels, count):
     return component, n
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def components(count, faces, out):
     """Number the connected pieces of a mesh, faces joined by a shared vertex.
 
@@ -186,7 +187,7 @@ def components(count, faces, out):
     return total
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def cross_of(vertices, a, b, c, out):
     """Work out the normal of a triangle, as long as twice its area, and that length."""
     total = 0.0

@@ -11,13 +11,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from vega_planner.compiled import kernel
 
 #: Consecutive beads in a block, and children of a node of the tree over the blocks.
 BLOCK, CHILDREN = 4, 8
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def lay_beads(points, axes, width, height, first, out):
     """Describe the beads of one pass.
 
@@ -50,7 +51,7 @@ def lay_beads(points, axes, width, height, first, out):
         out[row, 10] = way + flat * length + 0.5 * h
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def enclose(beads, balls, size):
     """Find a ball around every so many rows.
 
@@ -78,7 +79,7 @@ def enclose(beads, balls, size):
         balls[b, 3] = radius
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def _outside(s, r, at, radius):
     """Signed distance of a point (s, r) of the half plane from a tool's outline.
 
@@ -107,7 +108,7 @@ def _outside(s, r, at, radius):
     return -math.sqrt(best) if inside else math.sqrt(best)
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def _may_touch(ball, px, py, pz, ux, uy, uz, first, last, widest, step, enough):
     """Tell whether a ball may come nearer than `enough` to the tool."""
     x = ball[0] - px
@@ -122,7 +123,7 @@ def _may_touch(ball, px, py, pz, ux, uy, uz, first, last, widest, step, enough):
     return x * x + y * y + z * z - s * s < most * most
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _block_gap(
     beads, begin, end, px, py, pz, ux, uy, uz, at, radius, widest, step, near
 ):  # fmt: skip
@@ -162,7 +163,7 @@ def _block_gap(
     return best
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def bead_clearance(
     points, axes, counts, beads, block, balls, earliest, level, at, radius, widest, step, enough,
     give_up, out,

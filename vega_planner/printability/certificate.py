@@ -15,6 +15,7 @@ from vega_planner.settings import as_dict
 
 if TYPE_CHECKING:
     from vega_planner.printability.collisions import CollisionCheck
+    from vega_planner.printability.robot_body import BodyCheck
     from vega_planner.robot.workcell import Workcell
 
 #: Version of what is hashed and how.
@@ -28,6 +29,7 @@ def certificate(
     toolpaths: ToolpathSet,
     trajectory: PrintTrajectory,
     check: CollisionCheck,
+    body: BodyCheck,
 ) -> dict[str, Any]:
     """Write down what was planned and checked.
 
@@ -41,6 +43,7 @@ def certificate(
         toolpaths: Passes and travel.
         trajectory: Joint motion.
         check: Outcome of the check of every waypoint.
+        body: Outcome of the check of the robot's links.
 
     Returns:
         A dictionary of plain values, the same for the same plan.
@@ -69,12 +72,12 @@ def certificate(
             trajectory.path_id,
         ),
     }
-    outcome = check.summary()
+    outcome = check.summary() | body.summary()
     return {
         "version": VERSION,
         "sha256": hashes,
         "check": outcome,
-        "collision_free": outcome["colliding_waypoints"] == 0,
+        "collision_free": check.colliding == 0 and body.touching == 0,
     }
 
 

@@ -20,6 +20,7 @@ from vega_planner.datatypes import (
 )
 from vega_planner.printability.assessment import stage_height
 from vega_planner.printability.beads import Beads
+from vega_planner.printability.links import LinkPoses
 from vega_planner.printability.material import EMPTY, mesh_field
 from vega_planner.printability.tool_shape import ToolShape, tip_length
 from vega_planner.progress import Progress, Report
@@ -136,6 +137,8 @@ def with_check(report: PrintabilityReport, check: CollisionCheck) -> Printabilit
         chosen = np.array([word == name for word in check.obstacle])
         worst = check.points[chosen][int(np.argmax(check.depth_mm[chosen]))]
         where = (float(worst[0]), float(worst[1]), float(worst[2]))
+        if name == "robot_body":  # told by the check of the links, sample by sample
+            continue
         remedy = (
             f"{int(chosen.sum())} waypoints collide, the deepest by "
             f"{float(check.depth_mm[chosen].max()):.2f} mm: a slimmer tool, another restraint "
@@ -162,6 +165,8 @@ def check_toolpaths(
     stack: LayerStack,
     cell: Workcell,
     report: Report,
+    *,
+    links: bool = False,
 ) -> CollisionCheck:
     """Check the solid tool at every printing and travel waypoint.
 
@@ -174,6 +179,7 @@ def check_toolpaths(
         stack: The layers.
         cell: Tool, placement and substrate.
         report: Receives progress; may raise `Cancelled`.
+        links: Whether the robot's links count, too, where a pose leaves them no choice.
 
     Returns:
         The colliding waypoints; a waypoint collides where the tool and something else
@@ -201,6 +207,11 @@ def check_toolpaths(
             name[at[(other < 0) & (other < gap[at])]] = "printed_part"
             gap[at] = np.minimum(gap[at], other)
         report(Progress("checks", (begin + len(index)) / len(gap)))
+    if links:
+        at = np.flatnonzero(gap >= 0)
+        held = LinkPoses(toolpaths, cell)
+        at = at[held.touch(way.points[at], way.axes[at], _passes_there(way.path[at]))]
+        gap[at], name[at] = -1.0, "robot_body"
     bad = np.flatnonzero(gap < -1e-9)
     return CollisionCheck(
         checked=len(gap),
@@ -210,6 +221,11 @@ def check_toolpaths(
         obstacle=tuple(str(word) for word in name[bad]),
         points=way.points[bad],
     )
+
+
+def _passes_there(path: Ints) -> Ints:
+    """Number of passes that are there at waypoints, by the pass or travel of each."""
+    return np.where(path < 0, -1 - path, path)
 
 
 def _waypoints(toolpaths: ToolpathSet) -> _Waypoints:
@@ -255,9 +271,12 @@ class Surroundings:
         toolpaths: Passes and travel.
         stack: The layers.
         cell: Tool, placement and substrate.
+        links: Whether the robot's links count, too.
     """
 
-    def __init__(self, toolpaths: ToolpathSet, stack: LayerStack, cell: Workcell) -> None:
+    def __init__(
+        self, toolpaths: ToolpathSet, stack: LayerStack, cell: Workcell, links: bool = False
+    ) -> None:
         self._way = _waypoints(toolpaths)
         self._near = ToolShape.of(cell.tool, tip_length(stack.thickness_mm))
         self._whole = ToolShape.of(cell.tool, 0.0)
@@ -267,6 +286,7 @@ class Surroundings:
         self._beads = Beads(toolpaths.passes, self._way.first)
         starts = np.flatnonzero(np.diff(self._way.path, prepend=np.iinfo(np.int64).min))
         self._first = {int(self._way.path[k]): int(k) for k in starts}
+        self._links = LinkPoses(toolpaths, cell) if links else None
         #: Poses tried so far.
         self.tried = 0
 
@@ -337,4 +357,8 @@ class Surroundings:
                 shape, tips[todo], axes[todo], number[todo], ENOUGH_MM, GIVE_UP_MM
             )
             gap[todo] = np.minimum(gap[todo], other)
+        if self._links is not None:
+            todo = np.flatnonzero(gap >= 0)
+            now = _passes_there(self._way.path[number[todo]])
+            gap[todo[self._links.touch(tips[todo], axes[todo], now)]] = -1.0
         return gap

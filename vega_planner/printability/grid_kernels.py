@@ -10,12 +10,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from vega_planner.compiled import kernel
 
 FAR = 1e12  # squared distance of a voxel no feature has been found for
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _side(ax, ay, bx, by, x, y):
     """Tell on which side of the line a-b the point lies; exactly antisymmetric in a, b."""
     if ax < bx or (ax == bx and ay < by):
@@ -23,7 +24,7 @@ def _side(ax, ay, bx, by, x, y):
     return -((ax - bx) * (y - by) - (ay - by) * (x - bx))
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def fill_mesh(vertices, faces, origin, spacing, solid):
     """Set the voxels whose centre lies inside a closed mesh.
 
@@ -90,7 +91,7 @@ def fill_mesh(vertices, faces, origin, spacing, solid):
                 solid[i, j, k] = run > 0
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def _envelope(f, n, place, edge):
     """Build the lower envelope of the parabolas (q - i)² + f[i]; return its last index."""
     k = -1
@@ -123,7 +124,7 @@ def _envelope(f, n, place, edge):
     return k
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def distance_to(solid, spacing, out):
     """Compute the exact distance from every voxel to the nearest solid voxel's centre.
 
@@ -181,7 +182,7 @@ def distance_to(solid, spacing, out):
                 out[i, j, k] = spacing * math.sqrt((i - place[p]) ** 2 + f[place[p]])
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def nearest_label(label):
     """Spread labels to the voxels that have none: each takes the nearest one's.
 
@@ -238,7 +239,7 @@ def nearest_label(label):
                 label[i, j, k] = name[place[p]]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def stamp_faces(vertices, faces, origin, spacing, first, label, best):
     """Write each face's number into the voxels its surface passes.
 
@@ -289,7 +290,7 @@ def stamp_faces(vertices, faces, origin, spacing, first, label, best):
                     label[k0, k1, k2] = first + f
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def select(label, solid, chosen, out):
     """Mark the solid voxels whose label is chosen.
 

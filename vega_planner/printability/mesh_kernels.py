@@ -6,10 +6,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from vega_planner.compiled import kernel
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _slot(keys, key):
     mask = keys.shape[0] - 1
     h = (key * 0x9E3779B1) & mask
@@ -18,7 +19,7 @@ def _slot(keys, key):
     return h
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def face_neighbours(count, faces, out):
     """Find the face across each edge.
 
@@ -52,7 +53,7 @@ def face_neighbours(count, faces, out):
                 where[h] = -2
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def label_pieces(neighbours, label, piece):
     """Number the connected regions of equal label, faces joined across edges.
 
@@ -88,7 +89,7 @@ def label_pieces(neighbours, label, piece):
     return total
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def limit_slope(vertices, faces, value, rate):
     """Lower a vertex field until it rises by at most `rate` per mm along every edge.
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vega_planner.datatypes import Bools, Floats, Ints
+from vega_planner.datatypes import Bools, Floats, Ints, row_lengths
 from vega_planner.printability.mesh_kernels import limit_slope
 from vega_planner.settings import PrintabilitySettings
 
@@ -59,7 +59,7 @@ def tilted(normals: Floats, tilt: Floats) -> Floats:
     sine = np.where(level > 1e-9, np.sin(tilt) / np.maximum(level, 1e-9), 0.0)
     up = np.where(level > 1e-9, np.cos(tilt), 1.0)
     axes = np.column_stack([normals[:, 0] * sine, normals[:, 1] * sine, up])
-    return axes / np.linalg.norm(axes, axis=1, keepdims=True)
+    return axes / row_lengths(axes)[:, None]
 
 
 def tilt_of(directions: Floats) -> Floats:

@@ -6,12 +6,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from vega_planner.compiled import kernel
 
 LEAF = 4
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def build_tree(vertices, faces, order, boxes, first, number):
     """Build a bounding volume hierarchy by halving the longest axis at the middle.
 
@@ -90,7 +91,7 @@ def build_tree(vertices, faces, order, boxes, first, number):
     return nodes
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def any_hit(vertices, faces, order, boxes, first, number, origins, directions, out):
     """Tell for each ray whether it meets any face ahead of its origin.
 

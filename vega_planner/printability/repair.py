@@ -55,6 +55,8 @@ def resolve_collisions(
     cell: Workcell,
     settings: PrintabilitySettings,
     report: Report,
+    *,
+    links: bool = False,
 ) -> tuple[ToolpathSet, CollisionCheck]:
     """Check every waypoint and do something about those that collide.
 
@@ -70,18 +72,19 @@ def resolve_collisions(
         cell: Tool, placement and substrate.
         settings: Policy, limits and clearance.
         report: Receives progress; may raise `Cancelled`.
+        links: Whether the robot's links count, too; for robots with a closed form.
 
     Returns:
         The toolpaths, and the outcome of their last check.
     """
 
     def checked(paths: ToolpathSet) -> CollisionCheck:
-        return check_toolpaths(paths, stack, cell, report)
+        return check_toolpaths(paths, stack, cell, report, links=links)
 
     check = checked(toolpaths)
     if settings.orientation != "collision-free" or not check.colliding:
         return toolpaths, check
-    task = _Task(stack, cell, settings, report, checked)
+    task = _Task(stack, cell, settings, report, checked, links)
     best = _without_rest(task, *_settled(task, toolpaths, check))
     ranges: list[tuple[int, int]] = []
     # over a substrate, patches printed from inside and outside do not share bands
@@ -94,7 +97,7 @@ def resolve_collisions(
             continue
         else:
             # what stands in the way of each other is printed in common bands of height
-            around = Surroundings(best[0], stack, cell)
+            around = task.around(best[0])
             wider = joined({*around.hit_patches(best[0], best[1]), *ranges})
         if wider == ranges or not wider:
             continue
@@ -119,10 +122,15 @@ class _Task:
     settings: PrintabilitySettings
     report: Report
     checked: Callable[[ToolpathSet], CollisionCheck]
+    links: bool
+
+    def around(self, toolpaths: ToolpathSet) -> Surroundings:
+        """What is there, for trying other poses."""
+        return Surroundings(toolpaths, self.stack, self.cell, self.links)
 
     def moved(self, toolpaths: ToolpathSet, travels: Ints) -> tuple[ToolpathSet, CollisionCheck]:
         """Find other ways for some moves and check all."""
-        around = Surroundings(toolpaths, self.stack, self.cell)
+        around = self.around(toolpaths)
         paths = reroute(toolpaths, travels, around, self.cell, self.report, REROUTE_POSES)
         return paths, self.checked(paths)
 
@@ -135,7 +143,7 @@ def _settled(
     for _ in range(ROUNDS):
         if not 0 < check.colliding <= HOPELESS_SHARE * check.checked or left <= 0:
             break
-        around = Surroundings(toolpaths, task.stack, task.cell)
+        around = task.around(toolpaths)
         turned = _turned(toolpaths, check, around, task.settings, task.report, left)
         left -= around.tried
         again = task.checked(turned)

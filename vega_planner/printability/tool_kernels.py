@@ -5,12 +5,12 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
+from vega_planner.compiled import kernel
 
 CLEAR = 1e3  # distance [mm] reported where nothing is near
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def _distance(field, origin, inverse, x, y, z):
     """Look up a distance field, linear between samples.
 
@@ -42,7 +42,7 @@ def _distance(field, origin, inverse, x, y, z):
     return value
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def tool_clearance(
     points, axes, field, origin, inverse, start, step, inscribed, reach, rim_at, rim_radius,
     enough, give_up, out,
@@ -120,7 +120,7 @@ def tool_clearance(
         out[i] = best
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def tool_hits(points, axes, group, obstacles, owner, start, step, radius, margin, hits):
     """Count for groups of tool poses how many contain a sample of each obstacle.
 

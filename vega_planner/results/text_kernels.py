@@ -8,12 +8,13 @@ Python's own formatting takes over a second for the 700,000 numbers of a large j
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from vega_planner.compiled import kernel
 
 _COMMA, _NEWLINE, _MINUS, _POINT, _ZERO = 44, 10, 45, 46, 48
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def print_rows(values, decimals, out):
     """Print rows as text with a comma between columns and a newline after each row.
 

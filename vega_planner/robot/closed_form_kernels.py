@@ -7,13 +7,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from vega_planner.compiled import kernel
 
 #: Slack on the joint limits [m, rad]: rounding must not refuse a pose on a limit.
 LIMIT_SLACK = 1e-9
 
 
-@njit(inline="always")
+@kernel(inline="always")
 def _turn(w, c, s, v):
     """Rotate v about the unit vector w by the angle with cosine c and sine s."""
     d = (w[0] * v[0] + w[1] * v[1] + w[2] * v[2]) * (1.0 - c)
@@ -24,7 +25,7 @@ def _turn(w, c, s, v):
     )
 
 
-@njit(inline="always")
+@kernel(inline="always")
 def _angle(w, a, b):
     """Cosine and sine of the turn about w that brings the direction of a over b's."""
     aw = a[0] * w[0] + a[1] * w[1] + a[2] * w[2]
@@ -39,7 +40,7 @@ def _angle(w, a, b):
     return c / h, s / h
 
 
-@njit(inline="always")
+@kernel(inline="always")
 def into_limits(angle, lower, upper):
     """The equal angle that lies within the limits and nearest to their middle."""
     middle = 0.0
@@ -48,7 +49,7 @@ def into_limits(angle, lower, upper):
     return angle - 2.0 * math.pi * math.floor((angle - middle) / (2.0 * math.pi) + 0.5)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def linear_axes(geometry, point, c1, s1, c2, s2, out):
     """Linear joint positions that bring the tip to a point, for given rotary angles."""
     inverse, w1, w2, arm2, arm1, base = geometry[:6]
@@ -59,7 +60,7 @@ def linear_axes(geometry, point, c1, s1, c2, s2, out):
         out[k] = inverse[k, 0] * x + inverse[k, 1] * y + inverse[k, 2] * z
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def solve_many(geometry, lower, upper, points, axes, first_only, q, valid, wrist):
     """Both branches of Paden and Kahan's second subproblem for each target.
 
@@ -112,7 +113,7 @@ def solve_many(geometry, lower, upper, points, axes, first_only, q, valid, wrist
                     q[i, branch, k] = min(max(q[i, branch, k], lower[k]), upper[k])
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def nearest_second_angle(geometry, axis, first, cosines):
     """Second rotary angle that brings the nozzle nearest to an axis, for a given first one."""
     w1, w2, u0 = geometry[1], geometry[2], geometry[6]
@@ -123,7 +124,7 @@ def nearest_second_angle(geometry, axis, first, cosines):
     return math.atan2(s2, c2)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def axis_of(geometry, first, second, out):
     """Nozzle axis at given rotary angles."""
     w1, w2, u0 = geometry[1], geometry[2], geometry[6]

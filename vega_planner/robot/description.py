@@ -4,7 +4,8 @@
 A robot is named by a file of config/robots, by such a YAML file elsewhere, or by a URDF
 or xacro file. Beside a URDF a YAML file of the same stem may say what the URDF does not:
 
-    plate:  {parent: base_link, xyz: [0.5, 0, 0.1], rpy: [0, 0, 0]}   top of the build plate
+    plate:  {parent: base_link, xyz: [0.5, 0, 0.1], rpy: [0, 0, 0]}   top of the build plate,
+            with size: [0.18, 0.18, 0.012] where the links are to be held against it
     nozzle: {parent: tool0, xyz: [0, 0, 0.1], rpy: [3.14159, 0, 0]}   tip, z back along it
     joints: {NAME: {velocity: 1.0, acceleration: 5.0, lower: -1.0, upper: 1.0}}
 
@@ -213,7 +214,9 @@ def _frame(
         key: " ".join(f"{value!r}" for value in numbers(mount, key, where, 3))
         for key in ("xyz", "rpy")
     }
-    ElementTree.SubElement(root, "link", {"name": name})
+    link = ElementTree.SubElement(root, "link", {"name": name})
+    if "size" in mount:
+        _draw_below(link, numbers(mount, "size", where, 3))
     mount_name = f"{name}_mount"
     while any(joint.get("name") == mount_name for joint in root.iter("joint")):
         mount_name += "_"
@@ -222,6 +225,15 @@ def _frame(
     ElementTree.SubElement(joint, "child", {"link": name})
     ElementTree.SubElement(joint, "origin", origin)
     return name
+
+
+def _draw_below(link: ElementTree.Element, size: list[float]) -> None:
+    """Draw a box of a size [m] whose top is the link's frame."""
+    for kind in ("visual", "collision"):
+        element = ElementTree.SubElement(link, kind)
+        ElementTree.SubElement(element, "origin", {"xyz": f"0 0 {-0.5 * size[2]!r}"})
+        geometry = ElementTree.SubElement(element, "geometry")
+        ElementTree.SubElement(geometry, "box", {"size": " ".join(f"{x!r}" for x in size)})
 
 
 def acceleration_extensions(urdf: str) -> dict[str, float]:

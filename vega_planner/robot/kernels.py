@@ -17,7 +17,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from vega_planner.compiled import kernel
 
 #: Length that weighs a metre of position error against a radian of axis error.
 LENGTH = 0.1
@@ -27,8 +28,9 @@ LENGTH = 0.1
 NEAR_TARGET = 0.1
 
 
-@njit(inline="always")
-def _apply(r, v):
+@kernel(inline="always")
+def apply(r, v):
+    """Turn a vector by a rotation, nine numbers by rows."""
     return (
         r[0] * v[0] + r[1] * v[1] + r[2] * v[2],
         r[3] * v[0] + r[4] * v[1] + r[5] * v[2],
@@ -36,8 +38,9 @@ def _apply(r, v):
     )
 
 
-@njit(inline="always")
-def _times(r, m):
+@kernel(inline="always")
+def composed(r, m):
+    """Product of a rotation, nine numbers, with a matrix (3, 3)."""
     return (
         r[0] * m[0, 0] + r[1] * m[1, 0] + r[2] * m[2, 0],
         r[0] * m[0, 1] + r[1] * m[1, 1] + r[2] * m[2, 1],
@@ -51,8 +54,8 @@ def _times(r, m):
     )
 
 
-@njit(inline="always")
-def _turned(r, axis, angle):
+@kernel(inline="always")
+def turned(r, axis, angle):
     """Product of a rotation with Rodrigues' rotation about a unit axis."""
     c = math.cos(angle)
     s = math.sin(angle)
@@ -74,34 +77,34 @@ def _turned(r, axis, angle):
     )
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def forward_one(chain, q, tip, axes, world_axes, centres):
     """Forward kinematics of one configuration, with each joint's axis and a point on it."""
     rotations, offsets, joint_axes, revolute, tip_offset, tip_axes = chain
     r = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
     px, py, pz = 0.0, 0.0, 0.0
     for i in range(q.shape[0]):
-        d = _apply(r, offsets[i])
+        d = apply(r, offsets[i])
         px += d[0]
         py += d[1]
         pz += d[2]
-        r = _times(r, rotations[i])
-        a = _apply(r, joint_axes[i])
+        r = composed(r, rotations[i])
+        a = apply(r, joint_axes[i])
         world_axes[i, 0], world_axes[i, 1], world_axes[i, 2] = a
         if revolute[i]:
-            r = _turned(r, joint_axes[i], q[i])
+            r = turned(r, joint_axes[i], q[i])
         else:
             px += a[0] * q[i]
             py += a[1] * q[i]
             pz += a[2] * q[i]
         centres[i, 0], centres[i, 1], centres[i, 2] = px, py, pz
-    d = _apply(r, tip_offset)
+    d = apply(r, tip_offset)
     tip[0], tip[1], tip[2] = px + d[0], py + d[1], pz + d[2]
-    axes[0, 0], axes[0, 1], axes[0, 2] = _apply(r, tip_axes[0])
-    axes[1, 0], axes[1, 1], axes[1, 2] = _apply(r, tip_axes[1])
+    axes[0, 0], axes[0, 1], axes[0, 2] = apply(r, tip_axes[0])
+    axes[1, 0], axes[1, 1], axes[1, 2] = apply(r, tip_axes[1])
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def forward_many(chain, q, points, axes, sides):
     """Forward kinematics of configurations (n, j) into points, axes and sides (n, 3)."""
     n, joints = q.shape
@@ -116,7 +119,7 @@ def forward_many(chain, q, points, axes, sides):
         sides[i] = frame[1]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def jacobian_one(revolute, tip, world_axes, centres, jacobian):
     """Geometric Jacobian: rows 0-2 the tip's velocity, rows 3-5 the angular velocity."""
     for i in range(world_axes.shape[0]):
@@ -134,7 +137,7 @@ def jacobian_one(revolute, tip, world_axes, centres, jacobian):
             jacobian[3, i], jacobian[4, i], jacobian[5, i] = 0.0, 0.0, 0.0
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _axis_error(u, target, e):
     """Rotation vector of the shortest turn of u onto target, into e[3:6]."""
     cx = u[1] * target[2] - u[2] * target[1]
@@ -154,7 +157,7 @@ def _axis_error(u, target, e):
     e[3], e[4], e[5] = factor * cx, factor * cy, factor * cz
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _frame_error(u, x, axis, side, e):
     """Rotation vector of the turn of the frame (u, x) onto (axis, side), into e[3:6]."""
     y0, y1, y2 = (
@@ -178,7 +181,7 @@ def _frame_error(u, x, axis, side, e):
     e[3], e[4], e[5] = factor * sx, factor * sy, factor * sz
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def solve_one(chain, lower, upper, point, axis, side, q, tolerance, limit, work):
     """Levenberg-Marquardt from q to one target, within the joint limits.
 
@@ -252,7 +255,7 @@ def solve_one(chain, lower, upper, point, axis, side, q, tolerance, limit, work)
     return -limit
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _damped_step(hessian, gradient, damping, step, diagonal):
     """Solve (H + damping (1 + diag H)) step = gradient by Cholesky's factorisation."""
     n = gradient.shape[0]
@@ -279,7 +282,7 @@ def _damped_step(hessian, gradient, damping, step, diagonal):
         step[i] = total / diagonal[i]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def workspace(n):
     """Scratch arrays of `solve_one` for a chain of n joints."""
     return (
@@ -294,7 +297,7 @@ def workspace(n):
     )
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def solve_seeded(chain, lower, upper, points, axes, seeds, tolerance, limit, q, found):
     """Solve each target from the last solution, then from its own seeds (n, k, j) in turn.
 
@@ -334,7 +337,7 @@ def solve_seeded(chain, lower, upper, points, axes, seeds, tolerance, limit, q, 
                 break
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def solve_each(chain, lower, upper, points, axes, guesses, tolerance, limit, q, found):
     """Solve each target from its own guess (n, j)."""
     n, joints = q.shape

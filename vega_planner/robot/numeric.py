@@ -20,9 +20,10 @@ from vega_planner.robot.chain import UNLIMITED, Chain
 TOLERANCE = 1e-9
 #: Iterations from one seed; what converges does so in 5 to 20.
 ITERATIONS = 60
-#: Iterations from the first seed: what has not converged by then seldom will.
-WARM_ITERATIONS = 14
-#: Seeds tried per target, and size of the table they come from.
+#: Rounds before the full one: first seed and end, and iterations from each. What has not
+#: converged by then seldom will, and the next seed mostly does.
+ROUNDS = ((0, 1, 14), (1, 4, 16), (4, 12, 30))
+#: Seeds tried per target in the full round, and size of the table they come from.
 SEEDS = 12
 TABLE = 20_000
 #: Targets given to a thread at a time.
@@ -70,15 +71,16 @@ class Numeric:
         found = np.zeros(n, np.bool_)
         near = ((points > self._box[0]) & (points < self._box[1])).all(1)
         # most targets need one seed only; the search for many is kept for the others
-        for count, limit in ((1, WARM_ITERATIONS), (seeds, ITERATIONS)):
+        for first, last, limit in (*ROUNDS, (0, seeds, ITERATIONS)):
             todo = np.flatnonzero(near & ~found)
+            ranks = list(range(first + 1, last + 1))
 
             def work(
-                piece: slice, count: int = count, limit: int = limit, todo: Ints = todo
+                piece: slice, ranks: list[int] = ranks, limit: int = limit, todo: Ints = todo
             ) -> None:
                 rows = todo[piece]
                 poses = np.hstack([points[rows] / kernels.LENGTH, axes[rows]])
-                _, index = self._tree.query(poses, k=count)
+                _, index = self._tree.query(poses, k=ranks)
                 q[rows], found[rows] = self._run(points[rows], axes[rows], index, limit)
 
             map_threads(work, [slice(i, i + _CHUNK) for i in range(0, len(todo), _CHUNK)])

@@ -84,20 +84,23 @@ def place(
     return replace(cell, placement=placement, substrate=substrate or cell.substrate)
 
 
-def load_cell(settings: CellSettings, part: Part | None = None) -> Workcell:
+def load_cell(
+    settings: CellSettings, part: Part | None = None, robot: Robot | None = None
+) -> Workcell:
     """Read robot, tool and material and stand the part on the plate.
 
     Args:
         settings: Names or paths, and the pose. The pose "auto" puts the part's origin in
             the middle of the plate; the search for a better one starts from there.
         part: The part to print.
+        robot: What `settings.robot` names, where it is loaded already.
 
     Raises:
         InvalidInput: If a name or the pose is wrong.
         BadRobot: If a description is wrong.
     """
     pose = parse_pose(settings.pose) or _centred(part)
-    robot = load_robot(settings.robot)
+    robot = robot or load_robot(settings.robot)
     return Workcell(
         robot=robot,
         tool=load_tool(settings.tool),

@@ -4,10 +4,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from vega_planner.compiled import kernel
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def spread_points(points, out):
     """Farthest-point sampling from point 0; fills `out` with indices."""
     n = points.shape[0]
@@ -29,7 +30,7 @@ def spread_points(points, out):
         at = nxt
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def squared_distances(a, b, out):
     """Squared distances between all of a (n, 3) and all of b (m, 3) into out (n, m)."""
     for i in range(a.shape[0]):
@@ -40,7 +41,7 @@ def squared_distances(a, b, out):
             out[i, j] = d
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _slot(keys, key):
     mask = keys.shape[0] - 1
     h = (key * 0x9E3779B1) & mask
@@ -49,7 +50,7 @@ def _slot(keys, key):
     return h
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _put(new_faces, source, side, k, a, b, c, face, positive):
     new_faces[k, 0] = a
     new_faces[k, 1] = b
@@ -58,7 +59,7 @@ def _put(new_faces, source, side, k, a, b, c, face, positive):
     side[k] = positive
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def cut_faces(vertices, faces, value, new_faces, source, ends, weight, side):
     """Cut triangles along the zero line of a vertex field, with shared cut vertices.
 

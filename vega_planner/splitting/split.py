@@ -180,6 +180,8 @@ def _compact(faces: Ints, count: int) -> tuple[Ints, Ints]:
 
 def _patches(piece: _Piece, side: int, number: int, crumb_mm2: float) -> list[Patch]:
     """Make a patch of each connected part of a piece."""
+    if not len(piece.faces):  # the separating surface left nothing on this side
+        return []
     axes = piece.outside if side == OUTSIDE else piece.inside
     length = np.linalg.norm(axes, axis=1, keepdims=True)
     if np.abs(length - 1).max() > 1e-12:  # interpolated at a cut

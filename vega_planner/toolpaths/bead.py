@@ -8,7 +8,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from vega_planner.datatypes import Floats
+from vega_planner.datatypes import Floats, row_lengths
 
 _Length = TypeVar("_Length", float, Floats)
 
@@ -58,9 +58,9 @@ def lean(points: Floats, axes: Floats, normals: Floats) -> Floats:
     """
     along = np.gradient(points, axis=0)
     across = np.cross(normals, along)
-    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
+    across /= np.maximum(row_lengths(across)[:, None], 1e-12)
     up = np.cross(along, across)
-    up /= np.maximum(np.linalg.norm(up, axis=1, keepdims=True), 1e-12)
+    up /= np.maximum(row_lengths(up)[:, None], 1e-12)
     side = np.einsum("ij,ij->i", axes, across)
     return np.abs(side) / np.maximum(np.hypot(side, np.einsum("ij,ij->i", axes, up)), 1e-12)
 

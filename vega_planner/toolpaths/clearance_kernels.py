@@ -5,10 +5,10 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
+from vega_planner.compiled import kernel
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def raise_map(heights, corner, size, points, reach, rise):
     """Put beads into a height map.
 
@@ -33,7 +33,7 @@ def raise_map(heights, corner, size, points, reach, rise):
                     heights[i, j] = z
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def is_clear(heights, corner, size, floor, top, points, axes, distance, radius, room):
     """Check that the tool is clear of a height map at every pose.
 

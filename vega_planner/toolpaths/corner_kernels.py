@@ -6,15 +6,16 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from vega_planner.compiled import kernel
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _gap(a, b):
     return math.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _straight_before(rows, sums, at, back, reach, slack, out):
     """Direction of a loop on its way to a row, or away from it where `back` is -1.
 
@@ -53,7 +54,7 @@ def _straight_before(rows, sums, at, back, reach, slack, out):
     return True
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def with_corners(rows, normal, spacing, widest, sharp):
     """Give a loop the corners that the mesh it was drawn on has blunted.
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from vega_planner.datatypes import Floats, LayerStack, Patch, Toolpath, ToolpathSet
+from vega_planner.datatypes import Floats, LayerStack, Patch, Toolpath, ToolpathSet, row_lengths
 from vega_planner.toolpaths.bead import fill_spacing, section_area
 from vega_planner.toolpaths.coverage_kernels import (
     bucket_segments,
@@ -31,7 +31,7 @@ def deposited_volume(paths: Iterable[Toolpath]) -> float:
     total = 0.0
     for path in paths:
         area = section_area(path.width, path.height)
-        length = np.linalg.norm(np.diff(path.points, axis=0), axis=1)
+        length = row_lengths(np.diff(path.points, axis=0))
         total += float((0.5 * (area[1:] + area[:-1]) * length).sum())
     return total
 
@@ -72,7 +72,7 @@ def surface_samples(patch: Patch, step: float) -> tuple[Floats, Floats]:
         Positions, shape (k, 3), and the area each stands for [mm²], shape (k,).
     """
     corners = patch.vertices[patch.faces]
-    edges = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).max(1)
+    edges = np.max([row_lengths(corners[:, k - 2] - corners[:, k]) for k in range(3)], axis=0)
     parts = np.maximum(1, np.ceil(edges / step)).astype(int)
     points, areas = [], []
     for n in np.unique(parts).tolist():
@@ -135,7 +135,7 @@ def pass_gaps(paths: Sequence[Toolpath], spacing_mm: float) -> tuple[Floats, Flo
     a, b = grid.lines
     begin, items, corner, size, shape = grid.cells
     gaps, way = gaps_beside(a, b, grid.axes, begin, items, corner, size, shape, least, most)
-    length = np.linalg.norm(b - a, axis=1)
+    length = row_lengths(b - a)
     wide = np.argwhere(gaps > spacing_mm)
     if len(wide):
         row, side = wide.T

@@ -6,10 +6,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from vega_planner.compiled import kernel
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def bucket_segments(a, b, corner, size, shape):
     """Sort segments into the cells of a grid that their boxes touch.
 
@@ -53,7 +54,7 @@ def bucket_segments(a, b, corner, size, shape):
     return begin, items
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def distance_to_segments(points, a, b, begin, items, corner, size, shape):
     """Distance of points from the nearest segment, at most the side of a cell.
 
@@ -99,7 +100,7 @@ def distance_to_segments(points, a, b, begin, items, corner, size, shape):
     return out
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def gaps_beside(a, b, axes, begin, items, corner, size, shape, nearest, farthest):
     """Distance from the middle of each segment to the lines on its two sides.
 

@@ -16,12 +16,13 @@ import heapq
 import math
 
 import numpy as np
-from numba import njit
+
+from vega_planner.compiled import kernel
 
 FAR = 1e300
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def edge_update(V, c, a, b, d, g, out):
     """Compute the distance at c of a front that passes through the edge a-b.
 
@@ -111,7 +112,7 @@ def edge_update(V, c, a, b, d, g, out):
     return best
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _vertex_update(V, c, a, d, g, out):
     """Reach c from one vertex: along the edge, or with the plane front through a."""
     px = V[c, 0] - V[a, 0]
@@ -127,7 +128,7 @@ def _vertex_update(V, c, a, d, g, out):
     return d[a] + length
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def march(V, F, offsets, star, d, g, carried, fixed, limit):
     """Extend distances from the vertices that have one to all that can be reached.
 
@@ -228,7 +229,7 @@ def march(V, F, offsets, star, d, g, carried, fixed, limit):
     return order[:reached].copy()
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _to_segment(p, a, b, foot, beyond):
     """Distance of p from the segment a-b; `foot` receives the nearest point.
 
@@ -248,7 +249,7 @@ def _to_segment(p, a, b, foot, beyond):
     return math.sqrt((p[0] - foot[0]) ** 2 + (p[1] - foot[1]) ** 2 + (p[2] - foot[2]) ** 2), w
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def start_at_rim(V, F, offsets, star, rim, d, g, carried, fixed):
     """Set distance and gradient at the vertices next to the rim.
 
@@ -326,7 +327,7 @@ def start_at_rim(V, F, offsets, star, rim, d, g, carried, fixed):
                         a = b
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def start_at_zero(V, F, f, d, g, fixed):
     """Set distances to the zero line of a vertex field in the faces it crosses.
 
@@ -366,7 +367,7 @@ def start_at_zero(V, F, f, d, g, fixed):
                         g[v, m] = (V[v, m] - foot[m]) / x
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def start_at_vertex(V, F, offsets, star, source, d, g, fixed):
     """Set the straight distances from one vertex to its neighbours.
 

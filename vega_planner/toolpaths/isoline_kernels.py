@@ -6,10 +6,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from vega_planner.compiled import kernel
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _levels_between(a, b, top):
     """First level in the open interval of a and b, and how many there are."""
     low = min(a, b)
@@ -19,7 +20,7 @@ def _levels_between(a, b, top):
     return first, max(0, last - first + 1)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def trace_isolines(edges, face_edges, f, top):
     """Find the isolines f = 0, 1, ... top and chain them.
 
@@ -53,7 +54,7 @@ def trace_isolines(edges, face_edges, f, top):
     return _chain(edges, face_edges, f, top, start, first, edge, following, preceding)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _chain(edges, face_edges, f, top, start, first, edge, following, preceding):
     total = edge.shape[0]
     for t in range(face_edges.shape[0]):
@@ -121,7 +122,7 @@ def _chain(edges, face_edges, f, top, start, first, edge, following, preceding):
     return where, place, level, begin[: lines + 1].copy(), closed[:lines].copy()
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def gather(edges, where, place, values):
     """Interpolate vertex values at crossings.
 
@@ -144,7 +145,7 @@ def gather(edges, where, place, values):
     return out
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def area_above(vertices, faces, f, level, component, count):
     """Measure, for each component of vertices, the area where f is above its level.
 

@@ -17,6 +17,7 @@ from vega_planner.datatypes import (
     Toolpath,
     ToolpathSet,
     Travel,
+    row_lengths,
 )
 from vega_planner.parallel import map_threads
 from vega_planner.progress import Progress, Report, silent
@@ -251,7 +252,7 @@ def _balanced(
     laid = 0.0
     for item in passes:
         area = section_area(_width(item.rows, settings), item.rows[:, THICKNESS])
-        step = np.linalg.norm(np.diff(item.rows[:, POSITION], axis=0), axis=1)
+        step = row_lengths(np.diff(item.rows[:, POSITION], axis=0))
         laid += float((0.5 * (area[1:] + area[:-1]) * step).sum())
     factor = float(np.clip(wanted / max(laid, 1e-9), 1 - _MOST_BALANCE, 1 + _MOST_BALANCE))
     balanced = []

@@ -9,15 +9,16 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from vega_planner.compiled import kernel
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _gap(a, b):
     return math.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def line_length(rows, closed):
     """Length of a polyline; a closed one does not repeat its first row."""
     total = 0.0
@@ -28,7 +29,7 @@ def line_length(rows, closed):
     return total
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def nearest_on(rows, closed, p):
     """Find the nearest point of a polyline.
 
@@ -58,7 +59,7 @@ def nearest_on(rows, closed, p):
     return math.sqrt(best), segment, place
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def unroll(rows, segment, place, forward, gap):
     """Open a loop at a point and walk it once, stopping before the start.
 
@@ -105,7 +106,7 @@ def unroll(rows, segment, place, forward, gap):
     return out[:k].copy()
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _at_length(rows, sums, s, out):
     """Interpolate a closed polyline at a length along it."""
     n = rows.shape[0]
@@ -119,7 +120,7 @@ def _at_length(rows, sums, s, out):
         out[c] = (1.0 - w) * rows[q, c] + w * rows[(q + 1) % n, c]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def middle_line(rows):
     """Draw the line halfway between the two sides of a thin loop.
 
@@ -157,7 +158,7 @@ def middle_line(rows):
     return out
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def keep_inside(rows, closed, column, spacing, least, most):
     """Cut a line where it comes too near the rim.
 
@@ -210,7 +211,7 @@ def keep_inside(rows, closed, column, spacing, least, most):
     return pieces[:k].copy()
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def resample(rows, chord, step, cosine):
     """Thin a polyline out, and put points where it has too few.
 
@@ -290,7 +291,7 @@ def resample(rows, chord, step, cosine):
     return out
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def slide(rows, target):
     """Move an open turn over to the next loop, evenly along its length.
 

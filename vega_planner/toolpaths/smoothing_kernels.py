@@ -11,10 +11,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from vega_planner.compiled import kernel
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def without_crowding(rows, least):
     """Drop rows that lie nearer than `least` to the one kept before; keep both ends.
 
@@ -45,7 +46,7 @@ def without_crowding(rows, least):
     return rows[keep[:k]]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def smooth_axes(rows, first, sigma, closed):
     """Average unit vectors along a polyline with a Gaussian of the length along it.
 

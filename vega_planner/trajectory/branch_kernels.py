@@ -7,13 +7,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from vega_planner.compiled import kernel
 
 #: Stands for "impossible" in sums of costs.
 NEVER = 1e30
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def step_time(a, b, velocity, endless):
     """Time [s] the slowest joint needs from a to b at its largest velocity."""
     slowest = 0.0
@@ -25,7 +26,7 @@ def step_time(a, b, velocity, endless):
     return slowest
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def cheapest_row(q, valid, node_cost, velocity, endless, allowed, jump_cost, stiffness, choice):
     """Viterbi: one candidate per pose so that the summed time is smallest.
 
@@ -69,7 +70,7 @@ def cheapest_row(q, valid, node_cost, velocity, endless, allowed, jump_cost, sti
     return total
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def unwind(q, endless):
     """Add turns to endless joints so that each step is the shorter way round. In place."""
     for i in range(1, q.shape[0]):
@@ -79,7 +80,7 @@ def unwind(q, endless):
                 q[i, k] -= 2.0 * math.pi * math.floor(d / (2.0 * math.pi) + 0.5)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def nearest_candidate(q, valid, guess, revolute, lower, upper, out):
     """Take the valid candidate, in any turn within the limits, that is nearest to a guess.
 
@@ -117,7 +118,7 @@ def nearest_candidate(q, valid, guess, revolute, lower, upper, out):
     return missing
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _nearest_turn(angle, guess, lower, upper):
     """The equal angle within the limits that is nearest to a guess."""
     turn = 2.0 * math.pi

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import product
 
 import numpy as np
@@ -14,6 +15,9 @@ from vega_planner.robot.robot import IKSolutions, Robot
 from vega_planner.trajectory import branch_kernels as kernels
 from vega_planner.trajectory.waypoints import Waypoints
 
+#: Tells of joint positions (n, j) where no link of the arm touches anything, (n,).
+Clear = Callable[[Floats], Bools]
+
 #: A step counts as a jump when it takes this much longer than the tip's own way would ask
 #: of a joint that moves one radian for every 10 mm.
 _RADIANS_PER_METRE = 100.0
@@ -22,6 +26,8 @@ _SMALLEST_JUMP = 0.35
 #: Costs [s] of a jump: while printing it is out of the question, in the middle of a travel
 #: it is a change of configuration.
 JUMP_WHILE_PRINTING, JUMP_ON_TRAVEL = 1e9, 1e3
+#: Cost [s] of a pose in which a link of the arm touches something.
+TOUCH = 1e4
 
 
 def with_turns(solutions: IKSolutions, robot: Robot) -> IKSolutions:
@@ -49,7 +55,7 @@ def continuous_path(
     solutions: IKSolutions,
     robot: Robot,
     *,
-    node_cost: Floats | None = None,
+    clear: Clear | None = None,
     rows: Ints | None = None,
     room: Floats | None = None,
 ) -> tuple[Floats, Ints]:
@@ -59,7 +65,7 @@ def continuous_path(
         way: The poses, all of them reachable.
         solutions: Candidates of each pose.
         robot: The robot.
-        node_cost: Cost [s] of taking each candidate, shape (n, k).
+        clear: Tells which configurations to prefer; see `Clear`.
         rows: The poses to choose for, shape (m,); all when absent.
         room: Turn [rad] that a step between consecutive rows may take in any case, (m - 1,).
 
@@ -75,8 +81,11 @@ def continuous_path(
     reached = np.ones(len(way.points), np.bool_)
     reached[rows] = solutions.valid[rows].any(1)
     require_reached(way, reached)
-    solutions = with_turns(IKSolutions(solutions.candidates[rows], solutions.valid[rows]), robot)
+    solutions = IKSolutions(solutions.candidates[rows], solutions.valid[rows])
+    node_cost = _cost(solutions, clear)
+    solutions = with_turns(solutions, robot)
     q, valid = solutions.candidates, solutions.valid
+    node_cost = np.tile(node_cost, (1, q.shape[1] // node_cost.shape[1]))
     endless = robot.chain.revolute & (robot.upper >= UNLIMITED)
     step = np.diff(way.path[rows])
     turn = np.linalg.norm(np.diff(way.axes[rows], axis=0), axis=1)
@@ -89,7 +98,7 @@ def continuous_path(
     kernels.cheapest_row(
         q,
         valid,
-        np.zeros(valid.shape) if node_cost is None else node_cost,
+        node_cost,
         robot.velocity,
         endless,
         allowed,
@@ -112,6 +121,16 @@ def continuous_path(
         at = int(bad[0])
         raise _jump_error(way, path[at : at + 2], robot, int(rows[at]))
     return path, jumps
+
+
+def _cost(solutions: IKSolutions, clear: Clear | None) -> Floats:
+    """Cost [s] of each candidate in itself, shape (m, k)."""
+    cost: Floats = np.zeros((len(solutions.valid), solutions.valid.shape[1]))
+    if clear is not None:
+        several = np.flatnonzero(solutions.valid.sum(1) > 1)
+        for k in range(cost.shape[1]):
+            cost[several, k] = TOUCH * ~clear(solutions.candidates[several, k])
+    return cost
 
 
 def require_reached(way: Waypoints, reached: Bools) -> None:

@@ -20,7 +20,7 @@ from vega_planner.robot import closed_form_kernels
 from vega_planner.robot.closed_form import ClosedForm
 from vega_planner.robot.robot import Robot
 from vega_planner.trajectory import branch_kernels
-from vega_planner.trajectory.branches import continuous_path, require_reached
+from vega_planner.trajectory.branches import Clear, continuous_path, require_reached
 from vega_planner.trajectory.joint_path import lost
 from vega_planner.trajectory.waypoints import Waypoints, evenly_cut, refined
 
@@ -73,12 +73,14 @@ class ClosedFormPath:
     Args:
         robot: A robot with a closed form.
         speed: Printing speed [m/s].
+        clear: Tells which configurations to prefer; see `branches.Clear`.
     """
 
-    def __init__(self, robot: Robot, speed: float):
+    def __init__(self, robot: Robot, speed: float, clear: Clear | None = None):
         if robot.closed_form is None:
             raise VegaError(f"robot '{robot.name}' has no closed form")
         self.robot = robot
+        self.clear = clear
         self.form: ClosedForm = robot.closed_form
         #: Turn per length [rad/m] at which the first axis keeps up with the printing speed.
         self.rate = _RATE_SHARE * float(robot.velocity[3]) / speed
@@ -90,7 +92,7 @@ class ClosedFormPath:
         sine = self._off_singular(way)
         solutions = self.robot.solve(way.points, way.axes)
         if not (sine < np.sin(np.radians(CONES_DEG[0]))).any():
-            q, jumps = continuous_path(way, solutions, self.robot)
+            q, jumps = continuous_path(way, solutions, self.robot, clear=self.clear)
             return way, q, jumps
         require_reached(way, np.asarray(solutions.valid.any(1)))
         return self._choose_across(way, sine)
@@ -138,7 +140,7 @@ class ClosedFormPath:
         inside = np.zeros(len(sine), np.bool_)
         for start, stop in _runs(sine < np.sin(np.radians(CONES_DEG[0]))):
             inside[start:stop] = self._best_mask(way, sine, start, stop)
-        q, jumps, self.crossings = self._solve_outside(way, inside)
+        q, jumps, self.crossings = self._solve_outside(way, inside, self.clear)
         axes = way.axes.copy()
         axes[inside] = self.robot.forward(q[inside])[1]
         return Waypoints(way.points, axes, way.path, way.starts, way.path_id), q, jumps
@@ -185,7 +187,9 @@ class ClosedFormPath:
         moved = length > 1e-12
         return float(np.max(np.abs(np.diff(q[:, 3])[moved]) / length[moved], initial=0.0))
 
-    def _solve_outside(self, way: Waypoints, inside: Bools) -> tuple[Floats, Ints, list[Crossing]]:
+    def _solve_outside(
+        self, way: Waypoints, inside: Bools, clear: Clear | None = None
+    ) -> tuple[Floats, Ints, list[Crossing]]:
         """Viterbi over the poses outside the cone, then the blend for those inside."""
         solutions = self.robot.solve(way.points, way.axes)
         outside = np.flatnonzero(~inside)
@@ -196,7 +200,12 @@ class ClosedFormPath:
         room = np.where(halfway[:-1] | halfway[1:], _HALF_ROUND, _ACROSS)
         q = np.zeros((len(inside), 5))
         q[outside], jumps = continuous_path(
-            way, solutions, self.robot, rows=outside, room=np.where(gap[1:-1], room, 0.0)
+            way,
+            solutions,
+            self.robot,
+            clear=clear,
+            rows=outside,
+            room=np.where(gap[1:-1], room, 0.0),
         )
         jumps = outside[jumps]
         crossings = []

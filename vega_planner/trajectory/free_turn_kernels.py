@@ -7,12 +7,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from vega_planner.compiled import kernel
 from vega_planner.robot.kernels import LENGTH, forward_one, jacobian_one, solve_one, workspace
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def turned_side(axis, side, angle, out):
     """Turn a side by an angle about the axis it is square to; no side stays no side."""
     if side.shape[0] == 0:
@@ -23,7 +23,7 @@ def turned_side(axis, side, angle, out):
     out[2] = c * side[2] + s * (axis[0] * side[1] - axis[1] * side[0])
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def manipulability(chain, q, work, gram):
     """Yoshikawa's measure, the square root of det J J^T, of the arm with lengths over LENGTH."""
     jacobian, world, centres = work[0], work[1], work[2]
@@ -54,7 +54,7 @@ def manipulability(chain, q, work, gram):
     return math.sqrt(det)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def ring(chain, lower, upper, point, axis, side, start, angle, tolerance, limit, q, found):
     """Carry one configuration round the nozzle: q (r, j) at even turns, from the nearest on.
 
@@ -79,7 +79,7 @@ def ring(chain, lower, upper, point, axis, side, start, angle, tolerance, limit,
             q[at] = trial
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def ladder(
     chain, lower, upper, points, axes, sides, seeds, known, tolerance, limit, q, found, measure
 ):

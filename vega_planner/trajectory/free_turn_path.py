@@ -21,7 +21,13 @@ from vega_planner.robot.chain import UNLIMITED
 from vega_planner.robot.numeric import TOLERANCE
 from vega_planner.robot.robot import Robot
 from vega_planner.trajectory import branch_kernels, free_turn_kernels
-from vega_planner.trajectory.branches import jump_costs, require_reached, segment_name
+from vega_planner.trajectory.branches import (
+    TOUCH,
+    Clear,
+    jump_costs,
+    require_reached,
+    segment_name,
+)
 from vega_planner.trajectory.joint_path import lost
 from vega_planner.trajectory.waypoints import Waypoints, evenly_cut, refined
 
@@ -50,8 +56,9 @@ _STIFFNESS = 20.0
 class FreeTurnPath:
     """Path solver for arms without a closed form; see `joint_path.PathSolver`."""
 
-    def __init__(self, robot: Robot):
+    def __init__(self, robot: Robot, clear: Clear | None = None):
         self.robot = robot
+        self.clear = clear
         self.chain = robot.chain.arrays
         #: With five joints the turn is not free: the ladder has one rung per family.
         self.rungs = RUNGS if len(robot.joint_names) >= 6 else 1
@@ -120,6 +127,8 @@ class FreeTurnPath:
             goods.append(good)
             margin = self._limit_margin(ring[good]).mean()
             scores.append(good.mean() + margin)
+            if self.clear is not None:
+                scores[-1] += float(self.clear(ring[good]).mean())
         best = np.argsort(-np.array(scores), kind="stable")[:FAMILIES]
         return np.array([rings[k] for k in best]), np.array([goods[k] for k in best])
 
@@ -176,6 +185,8 @@ class FreeTurnPath:
         cost = _SINGULAR_WEIGHT * usual / np.maximum(measure, 0.01 * usual)
         margin = np.maximum(self._limit_margin(q), 1e-3)
         cost += _LIMIT_WEIGHT * np.maximum(_LIMIT_SHARE / margin - 1.0, 0.0)
+        if self.clear is not None:
+            cost[found] += TOUCH * ~self.clear(q[found])
         # A change of configuration is cheapest where its interval holds the top of a travel.
         fine = jump_costs(way)
         jump = np.array([fine[a:b].min() for a, b in pairwise(rows)])

@@ -7,12 +7,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from vega_planner.compiled import kernel
 from vega_planner.robot.kernels import forward_one
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def gaps_between(chain, points, axes, path, q, slope, rows, tip_gap, axis_gap):
     """Measure intervals i to i + 1, for i in rows, into tip_gap and axis_gap (len(rows),).
 

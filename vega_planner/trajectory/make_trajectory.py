@@ -6,10 +6,12 @@ from __future__ import annotations
 import numpy as np
 
 from vega_planner.datatypes import Floats, PrintTrajectory, ToolpathSet
+from vega_planner.errors import Cancelled, VegaError
 from vega_planner.progress import Progress, Report, silent
 from vega_planner.robot.robot import Robot
 from vega_planner.robot.workcell import Workcell
 from vega_planner.settings import TrajectorySettings
+from vega_planner.trajectory.branches import Clear
 from vega_planner.trajectory.closed_form_path import ClosedFormPath
 from vega_planner.trajectory.dispensing import rests, switching_times
 from vega_planner.trajectory.joint_path import JointPath, PathSolver, joint_path
@@ -31,6 +33,7 @@ def make_trajectory(
     cell: Workcell,
     settings: TrajectorySettings,
     report: Report = silent,
+    clear: Clear | None = None,
 ) -> PrintTrajectory:
     """Turn toolpaths into the motion of the joints.
 
@@ -42,6 +45,7 @@ def make_trajectory(
         cell: Robot, material and placement.
         settings: Speeds.
         report: Receives progress; may raise `Cancelled`.
+        clear: Tells which configurations to prefer; see `branches.Clear`.
 
     Returns:
         The joint trajectory [SI].
@@ -60,7 +64,8 @@ def make_trajectory(
         *knots_for_timing(way, speed[way.segment[:-1]], PATH_TOLERANCE, _LAYOUT_ACCELERATION),
     )
     report(Progress("trajectory", 0.1))
-    path = joint_path(way, robot, path_solver(robot, mm_to_m(settings.speed_mm_s)), PATH_TOLERANCE)
+    solver = path_solver(robot, mm_to_m(settings.speed_mm_s), clear)
+    path = joint_path(way, robot, solver, PATH_TOLERANCE)
     report(Progress("trajectory", 0.7))
     speeds = np.where(
         path.reconfigures,
@@ -79,13 +84,33 @@ def make_trajectory(
     return result
 
 
-def path_solver(robot: Robot, speed: float) -> PathSolver:
+def make_clear_trajectory(
+    toolpaths: ToolpathSet,
+    cell: Workcell,
+    settings: TrajectorySettings,
+    clear: Clear,
+    report: Report = silent,
+) -> PrintTrajectory:
+    """Make a trajectory that prefers configurations in which no link touches anything.
+
+    Where an arm cannot be led through those, it is led as if there were no preference; the
+    check of the links tells what it touches then. Arguments as of `make_trajectory`.
+    """
+    try:
+        return make_trajectory(toolpaths, cell, settings, report, clear)
+    except Cancelled:
+        raise
+    except VegaError:
+        return make_trajectory(toolpaths, cell, settings, report)
+
+
+def path_solver(robot: Robot, speed: float, clear: Clear | None = None) -> PathSolver:
     """Choose the inverse kinematics along a path: closed form where there is one."""
     if robot.closed_form is not None:
-        return ClosedFormPath(robot, speed)
+        return ClosedFormPath(robot, speed, clear)
     from vega_planner.trajectory.free_turn_path import FreeTurnPath
 
-    return FreeTurnPath(robot)
+    return FreeTurnPath(robot, clear)
 
 
 def _assembled(

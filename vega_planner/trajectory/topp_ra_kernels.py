@@ -7,10 +7,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from vega_planner.compiled import kernel
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def path_slopes(s, q, slope, curvature):
     """First and second derivative of q (n, j) over s (n,) by three-point differences."""
     n, joints = q.shape
@@ -30,7 +31,7 @@ def path_slopes(s, q, slope, curvature):
                 curvature[i, j] = 2.0 * (d1 - d0) / (h0 + h1)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def speed_caps(s, q, slope, curvature, speed, velocity, acceleration, caps):
     """Largest squared path speed at each pose that velocities and curvature allow."""
     n, joints = q.shape
@@ -50,7 +51,7 @@ def speed_caps(s, q, slope, curvature, speed, velocity, acceleration, caps):
         caps[i] = cap
 
 
-@njit(inline="always")
+@kernel(inline="always")
 def _narrow(a, b, x, limit, low, low_slope, high, high_slope):
     """Cut the interval of u by |a u + b x| <= limit; the slopes are d/dx of its ends."""
     if a > 1e-9:
@@ -70,7 +71,7 @@ def _narrow(a, b, x, limit, low, low_slope, high, high_slope):
     return low, low_slope, high, high_slope
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _interval(i, x, step, reach, slope, curvature, acceleration):
     """Path accelerations u possible from pose i at squared speed x: the ends and d/dx of them.
 
@@ -98,7 +99,7 @@ def _interval(i, x, step, reach, slope, curvature, acceleration):
     return low, low_slope, high, high_slope
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def time_optimal(s, slope, curvature, caps, acceleration, first, last, x):
     """Reachability analysis: the fastest squared path speeds x (n,) under all limits.
 
@@ -140,7 +141,7 @@ def time_optimal(s, slope, curvature, caps, acceleration, first, last, x):
     return True
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def hermite_excess(t, q, v, velocity, acceleration, ratio):
     """How far the cubic curves between samples use the limits.
 
@@ -167,7 +168,7 @@ def hermite_excess(t, q, v, velocity, acceleration, ratio):
         ratio[i, 1] = hardest
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def sample_times(s, x, t):
     """Times at which poses are passed, with even acceleration in between; t[0] is given."""
     for i in range(s.shape[0] - 1):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vega_planner.datatypes import Bools, Floats, Ints, ToolpathSet
+from vega_planner.datatypes import Bools, Floats, Ints, ToolpathSet, row_lengths
 from vega_planner.errors import InvalidInput
 from vega_planner.robot.workcell import Workcell
 
@@ -88,7 +88,7 @@ def waypoints_of(toolpaths: ToolpathSet, cell: Workcell) -> Waypoints:
         np.concatenate([piece[1] for piece in pieces]),
         np.concatenate([piece[2] for piece in pieces]),
     )
-    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    axes /= row_lengths(axes)[:, None]
     starts = np.concatenate([[0], np.cumsum(counts)])
     ids = np.array([piece[0] for piece in pieces])
     _check_joints(points, starts, ids)
@@ -101,7 +101,7 @@ def waypoints_of(toolpaths: ToolpathSet, cell: Workcell) -> Waypoints:
 
 
 def _check_joints(points: Floats, starts: Ints, ids: Ints) -> None:
-    gaps = np.linalg.norm(points[starts[1:-1]] - points[starts[1:-1] - 1], axis=1)
+    gaps = row_lengths(points[starts[1:-1]] - points[starts[1:-1] - 1])
     worst = int(np.argmax(gaps))
     if gaps[worst] > _JOINT_GAP:
         travel = (worst + 1) // 2
@@ -116,8 +116,8 @@ def _without_repeats(points: Floats, axes: Floats, starts: Ints, ids: Ints) -> W
     ends = np.zeros(len(points), np.bool_)
     ends[starts[:-1]] = True
     ends[starts[1:] - 1] = True
-    moved = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    turned = np.linalg.norm(np.diff(axes, axis=0), axis=1)
+    moved = row_lengths(np.diff(points, axis=0))
+    turned = row_lengths(np.diff(axes, axis=0))
     keep = ends | np.concatenate([[True], (moved > _SAME) | (turned > _SAME)])
     # A last-but-one pose that repeats the last is dropped in favour of the end.
     before_end = starts[1:] - 2
@@ -131,8 +131,8 @@ def _without_repeats(points: Floats, axes: Floats, starts: Ints, ids: Ints) -> W
 
 def _path(points: Floats, axes: Floats, starts: Ints, ids: Ints) -> Floats:
     travel = (ids < 0)[np.repeat(np.arange(len(ids)), np.diff(starts))][:-1]
-    step = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    turn = TRAVEL_RADIUS * np.linalg.norm(np.diff(axes, axis=0), axis=1)
+    step = row_lengths(np.diff(points, axis=0))
+    turn = TRAVEL_RADIUS * row_lengths(np.diff(axes, axis=0))
     step = np.where(travel | (step <= _SAME), np.hypot(step, turn), step)
     step[starts[1:-1] - 1] = 0.0
     return np.concatenate([[0.0], np.cumsum(step)])
@@ -194,7 +194,7 @@ def turned_evenly(a: Floats, b: Floats, fraction: Floats) -> Floats:
     wa = np.where(small, 1.0 - fraction, np.sin((1.0 - fraction) * angle) / sine)
     wb = np.where(small, fraction, np.sin(fraction * angle) / sine)
     mixed = wa[:, None] * a + wb[:, None] * b
-    return mixed / np.linalg.norm(mixed, axis=1, keepdims=True)
+    return mixed / row_lengths(mixed)[:, None]
 
 
 def _turned_smoothly(way: Waypoints, index: Ints, part: Floats) -> Floats:
@@ -211,9 +211,9 @@ def _turned_smoothly(way: Waypoints, index: Ints, part: Floats) -> Floats:
     slope = np.zeros_like(way.axes)
     slope[1:-1] = (rate[:-1] * h1 + rate[1:] * h0) / total
     # a cubic that turns much faster than the chords beside it would overshoot
-    size = np.linalg.norm(rate, axis=1)
+    size = row_lengths(rate)
     most = 2.0 * np.minimum(size[:-1], size[1:])
-    steep = np.linalg.norm(slope[1:-1], axis=1)
+    steep = row_lengths(slope[1:-1])
     slope[1:-1] *= np.minimum(1.0, most / np.where(steep > 0, steep, 1.0))[:, None]
     ends = np.unique(np.concatenate([way.starts[:-1], way.starts[1:] - 1]))
     slope[ends] = rate[np.minimum(ends, len(rate) - 1)]
@@ -222,10 +222,10 @@ def _turned_smoothly(way: Waypoints, index: Ints, part: Floats) -> Floats:
     e1 = length[index, None] * slope[index + 1] - chord[index]
     w = part[:, None]
     bow = w * (1.0 - w) * ((1.0 - w) * e0 - w * e1)
-    largest = 0.15 * (np.linalg.norm(e0, axis=1) + np.linalg.norm(e1, axis=1))
+    largest = 0.15 * (row_lengths(e0) + row_lengths(e1))
     bow *= np.minimum(1.0, _LARGEST_BOW / np.maximum(largest, 1e-12))[:, None]
     axes = turned_evenly(way.axes[index], way.axes[index + 1], part) + bow
-    return np.asarray(axes / np.linalg.norm(axes, axis=1, keepdims=True))
+    return np.asarray(axes / row_lengths(axes)[:, None])
 
 
 def knots_for_timing(
@@ -255,7 +255,7 @@ def knots_for_timing(
     last[way.starts[1:] - 2] = True
     # A curve through a corner of angle φ with poses h away leaves the chords by φ h / 8.
     step = np.diff(way.points, axis=0)
-    size = np.linalg.norm(step, axis=1, keepdims=True)
+    size = row_lengths(step)[:, None]
     direction = step / np.where(size > 0, size, 1.0)
     corner = np.zeros(len(way.points))
     inner = np.einsum("ij,ij->i", direction[:-1], direction[1:])
@@ -284,3 +284,12 @@ def knots_for_timing(
     rows = np.concatenate([piece[0] for piece in pieces])
     shares = np.concatenate([piece[1] for piece in pieces])
     return rows, shares
+
+
+def passes_there(path_id: Ints) -> Ints:
+    """Count the passes that are there at poses of a job, by the pass of each, -1 on travel.
+
+    The pass that is being laid does not count: the nozzle stands in it.
+    """
+    begun = np.maximum.accumulate(path_id)
+    return np.where(path_id < 0, begun + 1, begun)

@@ -76,13 +76,19 @@ class Scene:
 
     def add_mesh(self, vertices: Floats, faces: Ints, colours: ArrayLike) -> None:
         """Add a mesh; one colour (3,) or one for each vertex (n, 3), 0 to 255."""
-        shades = np.broadcast_to(np.asarray(colours, np.float32), (len(vertices), 3))
+        if not len(faces):
+            return
+        shades = _shades(colours, len(vertices))
         self.meshes.append((vertices, faces, shades))
 
     def add_lines(self, points: Floats, joined: Bools, colours: ArrayLike) -> None:
         """Add lines between consecutive points where joined; colours as for meshes."""
-        shades = np.broadcast_to(np.asarray(colours, np.float32), (len(points), 3))
+        shades = _shades(colours, len(points))
         self.lines.append((points, joined, shades))
+
+
+def _shades(colours: ArrayLike, count: int) -> Colours:
+    return np.ascontiguousarray(np.broadcast_to(np.asarray(colours, np.float32), (count, 3)))
 
 
 def draw(scene: Scene, view: View, line_width_mm: float = 0.0) -> Image:

@@ -114,6 +114,8 @@ def layer_scene(layers: tuple[Layer, ...], reasons: tuple[Any, ...] = ()) -> Sce
             bad = reasons[index] > 0
         shade = shades[index if not flat else len(layers) - 1 - index]
         for faces, colour in ((layer.faces[~bad], shade), (layer.faces[bad], _UNPRINTABLE)):
+            if not len(faces):
+                continue
             for vertices, left in _without_quarter(layer.vertices, faces, middle):
                 scene.add_mesh(vertices, left, colour)
     return scene

@@ -5,13 +5,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from vega_planner.compiled import kernel
 
 #: Share of the light that reaches every surface, and that of the lamp.
 _AMBIENT, _LAMP = 0.35, 0.65
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def draw_triangles(image, depth, points, faces, colours, light):
     """Draw shaded triangles, colours interpolated between the corners.
 
@@ -63,7 +64,7 @@ def draw_triangles(image, depth, points, faces, colours, light):
                     )
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def draw_lines(image, depth, points, joined, colours, radius, lift):
     """Draw lines between consecutive points.
 
@@ -96,7 +97,7 @@ def draw_lines(image, depth, points, joined, colours, radius, lift):
                             image[y, x, k] = colours[i, k]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def average(image, finer):
     """Average blocks of finer x finer pixels.
 

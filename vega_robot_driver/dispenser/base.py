@@ -32,6 +32,9 @@ class Dispenser(ABC):
         """Why the machine must stop, or nothing."""
         return ""
 
+    def reset_fault(self) -> None:  # noqa: B027 - not every dispenser has one
+        """Forget a fault on an explicit request."""
+
     @abstractmethod
     def follow(self, gate: Bools, dt: float) -> float:
         """Follow the gate through some cycles.

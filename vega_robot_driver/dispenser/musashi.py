@@ -1,86 +1,47 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Musashi pneumatic dispensers over RS-232C: parameters only, starting is a wired signal.
+"""Musashi pneumatic dispensers over RS-232C.
 
-Framing and handshake are those of several published drivers; write commands of the newer
-models are not confirmed, so that writing is off until a person enables it, and every write
-is read back. The command that starts and stops dispensing is a toggle and is not sent at all.
+The line is for parameters; starting and stopping is a wired signal. Writing is off until a
+person enables it, and every write is read back. Where a dispenser's start cannot be wired, its
+shots may be started over the line (`shot_s`): in timed mode, so that it stops by itself
+whatever becomes of the line, and never twice for one wish.
 """
 
 from __future__ import annotations
 
-import contextlib
 import threading
-from dataclasses import dataclass
-from typing import Any
+import time
+from dataclasses import replace
 
 from vega_planner.datatypes import Bools
 from vega_planner.errors import DriverError, LinkTimeout, Refused
 from vega_robot_driver.dispenser.base import Dispenser
+from vega_robot_driver.dispenser.dialects import Parameters, dialect_of
+from vega_robot_driver.dispenser.musashi_line import TRIES, MusashiLine
 
-STX, ETX, EOT, ENQ, ACK, CAN = (bytes([code]) for code in (2, 3, 4, 5, 6, 0x18))
-ACCEPTED, REJECTED = b"A0", b"A2"
-#: Tries of a transfer that may be repeated.
-TRIES = 3
 #: Pressures closer than this are the same: half of what the line can tell [Pa].
 _SAME = 50.0
-
-
-@dataclass(frozen=True)
-class Dialect:
-    """Commands of a family of dispensers.
-
-    Attributes:
-        name: Name of the family.
-        read: Command that reads a channel's parameters; takes the channel.
-        write_pressure: Command that sets the pressure; takes tenths of a kilopascal.
-        pressure_at: Where the pressure lies in the answer, tenths of a kilopascal.
-    """
-
-    name: str
-    read: str = "UL{channel:03d}D01"
-    write_pressure: str = "PR  P{tenths:04d}T0000V-0000"
-    pressure_at: tuple[int, int] = (5, 9)
-
-
-#: Known families.
-DIALECTS = {"super_sigma": Dialect("super_sigma")}
-
-
-def checksum(data: bytes) -> bytes:
-    """Two's complement of the sum of the bytes, as two hexadecimal digits."""
-    return b"%02X" % (-sum(data) & 0xFF)
-
-
-def frame(body: bytes) -> bytes:
-    """Put a command between its length, its checksum and the control characters."""
-    data = b"%02X" % len(body) + body
-    return STX + data + checksum(data) + ETX
-
-
-def unframe(data: bytes) -> bytes:
-    """Take the body out of a frame.
-
-    Raises:
-        LinkTimeout: If the frame is short or damaged.
-    """
-    inner = data[1:-3]
-    whole = data[:1] == STX and data[-1:] == ETX and len(inner) >= 2
-    if not whole or checksum(inner) != data[-3:-1] or inner[:2] != b"%02X" % (len(inner) - 2):
-        raise LinkTimeout(f"damaged answer of the dispenser: {data!r}")
-    return inner[2:]
+#: Tries of the first reading: nothing hurries yet.
+_TRIES_AT_FIRST = 10
+#: Longest shot that the commands have digits for [ms].
+_LONGEST_SHOT = 9999
 
 
 class MusashiDispenser(Dispenser):
-    """A dispenser whose valve is wired and whose pressure is watched over a serial line.
+    """A dispenser whose pressure is watched over a serial line.
 
     Args:
         port: Serial port.
         baud: Bits a second.
         channel: Channel whose parameters are used.
         dialect: Name of the family.
-        writes: Whether the pressure may be set.
+        writes: Whether parameters may be set.
+        shot_s: Time of a shot where the line starts them [s]; 0 where a wire does.
         timeout_s: Time an answer may take.
         watch_s: Time between two looks at the pressure; 0 for none.
+
+    Raises:
+        Refused: If the family is not known, or shots cannot be started over the line.
     """
 
     def __init__(
@@ -91,31 +52,31 @@ class MusashiDispenser(Dispenser):
         channel: int = 1,
         dialect: str = "super_sigma",
         writes: bool = False,
-        timeout_s: float = 0.2,
-        watch_s: float = 0.25,
+        shot_s: float = 0.0,
+        timeout_s: float = 0.1,
+        watch_s: float = 0.1,
     ) -> None:
-        if dialect not in DIALECTS:
-            raise Refused(f"dialect '{dialect}' not known; has: {', '.join(DIALECTS)}")
+        self._dialect = dialect_of(dialect)
+        if shot_s and not (self._dialect.start and writes):
+            reason = "'writes' is off" if self._dialect.start else "its start is not published"
+            raise Refused(f"shots of a '{dialect}' cannot be started over the line: {reason}")
         self._port, self._baud, self._channel = port, baud, channel
-        self._dialect, self._writes, self._timeout = DIALECTS[dialect], writes, timeout_s
-        self._line: Any = None
-        self._pressure = self._wanted = 0.0
-        self._watch_s, self._fault = watch_s, ""
-        self._turn, self._closed = threading.Lock(), threading.Event()
+        self._writes, self._timeout, self._watch_s = writes, timeout_s, watch_s
+        self._line: MusashiLine | None = None
+        self._set = Parameters(0, 0)
+        self._wanted, self._fault, self._shot_s = 0.0, "", shot_s
+        self._open, self._closed = threading.Event(), threading.Event()
 
     def open(self) -> None:
         """Connect, read the pressure, and keep watching it."""
-        import serial
-
-        try:
-            self._line = serial.Serial(
-                self._port, self._baud, timeout=self._timeout, write_timeout=self._timeout
-            )
-        except serial.SerialException as error:
-            raise DriverError(f"dispenser: {error}") from error
-        self._pressure = self.read_pressure()
+        self._line = MusashiLine(self._port, self._baud, self._timeout)
+        self._set = self._read(_TRIES_AT_FIRST)
         if self._wanted:
             self.set_pressure(self._wanted)
+        if self._shot_s:
+            self._line.write(self._dialect.timed_mode)
+            self._write(self._dialect.write_time, time_ms=round(1e3 * self._shot_s))
+            threading.Thread(target=self._shoot, name="shots", daemon=True).start()
         if self._watch_s:
             threading.Thread(target=self._watch, name="dispenser", daemon=True).start()
 
@@ -124,22 +85,9 @@ class MusashiDispenser(Dispenser):
         """Why the machine must stop: the line is dead, or the pressure changed."""
         return self._fault
 
-    def _watch(self) -> None:
-        """Read the pressure now and then; a line that is dead for all tries is a fault."""
-        while not self._closed.wait(self._watch_s):
-            try:
-                found = self.read_pressure()
-            except DriverError as error:
-                if not self._closed.is_set():
-                    self._fault = str(error)
-                continue
-            changed = abs(found - self._pressure) >= _SAME
-            self._fault = (
-                f"the dispenser's pressure went from {self._pressure / 1e3:g} kPa to "
-                f"{found / 1e3:g} kPa"
-                if changed
-                else ""
-            )
+    def reset_fault(self) -> None:
+        """Forget a fault; what still is one is noticed again."""
+        self._fault = ""
 
     def read_pressure(self) -> float:
         """Read the set pressure [Pa].
@@ -147,18 +95,7 @@ class MusashiDispenser(Dispenser):
         Raises:
             LinkTimeout: If the dispenser does not answer.
         """
-        with self._turn:
-            return self._parsed(self._locked_transfer(self._reading, upload=True))
-
-    @property
-    def _reading(self) -> bytes:
-        return self._dialect.read.format(channel=self._channel).encode()
-
-    def _parsed(self, answer: bytes) -> float:
-        try:
-            return int(answer[slice(*self._dialect.pressure_at)]) * 100.0
-        except ValueError as error:
-            raise LinkTimeout(f"dispenser: unknown answer {answer!r}") from error
+        return self._read().pressure_pa
 
     def set_pressure(self, pressure_pa: float) -> None:
         """Set the pressure [Pa] and read it back.
@@ -167,65 +104,87 @@ class MusashiDispenser(Dispenser):
             Refused: If writing is not enabled, the dispenser rejects it, or keeps another.
         """
         self._wanted = pressure_pa
-        if self._line is None or abs(self._pressure - pressure_pa) < _SAME:
+        if self._line is None:
+            return
+        self._set = self._read()
+        if abs(self._set.pressure_pa - pressure_pa) < _SAME:
             return
         if not self._writes:
             raise Refused(
-                f"the dispenser is set to {self._pressure / 1e3:g} kPa, the job wants "
+                f"the dispenser is set to {self._set.pressure_pa / 1e3:g} kPa, the job wants "
                 f"{pressure_pa / 1e3:g} kPa; set it by hand, or enable writing"
             )
-        tenths = round(pressure_pa / 100.0)
-        command = self._dialect.write_pressure.format(tenths=tenths).encode()
-        with self._turn:
-            self._locked_transfer(command)
-            self._pressure = self._parsed(self._locked_transfer(self._reading, upload=True))
-        if abs(self._pressure - pressure_pa) >= _SAME:
-            raise Refused(f"the dispenser keeps {self._pressure / 1e3:g} kPa")
+        self._write(self._dialect.write_pressure, tenths=round(pressure_pa / 100.0))
 
     def follow(self, gate: Bools, dt: float) -> float:
-        """Tell the set pressure while the wired valve is open."""
-        return self._pressure if len(gate) and gate[-1] else 0.0
+        """Tell the set pressure while the valve is open; where the line starts shots, do so."""
+        on = bool(len(gate) and gate[-1])
+        if self._shot_s and on != self._open.is_set():
+            self._open.set() if on else self._open.clear()
+        return self._set.pressure_pa if on else 0.0
 
     def close(self) -> None:
         """Leave the line."""
+        self._open.clear()
         self._closed.set()
-        with self._turn:
-            line, self._line = self._line, None
-            if line is not None:
-                line.close()
+        line, self._line = self._line, None
+        if line is not None:
+            line.close()
 
-    def _locked_transfer(self, body: bytes, *, upload: bool = False) -> bytes:
-        """Send a command that may be repeated; settings may, toggles may not."""
-        import serial
-
+    def _read(self, tries: int = TRIES) -> Parameters:
         if self._line is None:
             raise LinkTimeout(f"dispenser on {self._port}: not connected")
-        for left in reversed(range(TRIES)):
-            try:
-                return self._once(body, upload)
-            except (LinkTimeout, serial.SerialException) as error:
-                with contextlib.suppress(serial.SerialException):
-                    self._line.write(EOT)
-                if not left:
-                    raise LinkTimeout(f"dispenser on {self._port}: {error}") from error
-        raise AssertionError("unreachable")
+        command = self._dialect.read.format(channel=self._channel)
+        return self._line.read(command, self._dialect.parsed, tries)
 
-    def _once(self, body: bytes, upload: bool) -> bytes:
-        line = self._line
-        line.reset_input_buffer()
-        line.write(ENQ)
-        if line.read(1) != ACK:
-            raise LinkTimeout("no answer to ENQ")
-        line.write(frame(body))
-        verdict = unframe(line.read_until(ETX, 300))
-        if verdict == REJECTED:
-            line.write(STX + b"02" + CAN * 2 + b"6E" + ETX + EOT)
-            raise Refused(f"the dispenser rejects {body.decode()!r}")
-        if verdict != ACCEPTED:
-            raise LinkTimeout(f"unexpected verdict {verdict!r}")
-        answer = b""
-        if upload:
-            line.write(ACK)
-            answer = unframe(line.read_until(ETX, 300))
-        line.write(EOT)
-        return answer
+    def _write(self, template: str, **changed: int) -> None:
+        """Change a parameter, and see that this and no other has changed."""
+        wanted = replace(self._set, **changed)
+        if wanted.time_ms > _LONGEST_SHOT:
+            raise Refused(f"a shot of {wanted.time_ms} ms; at most {_LONGEST_SHOT} can be written")
+        command = template.format(channel=self._channel, **vars(wanted))
+        assert self._line is not None
+        self._line.write(command)
+        self._set = self._read()
+        if self._set != wanted:
+            raise Refused(f"after {command!r} the dispenser keeps {self._set}; wanted {wanted}")
+
+    def _watch(self) -> None:
+        """Read the pressure now and then; a line that is dead for all tries is a fault."""
+        while not self._closed.wait(self._watch_s):
+            before = self._set
+            try:
+                found = self._read().pressure_pa
+            except DriverError as error:
+                self._fail(str(error))
+                continue
+            if abs(found - before.pressure_pa) >= _SAME and before == self._set:
+                self._fail(
+                    f"the dispenser's pressure went from {before.pressure_pa / 1e3:g} kPa to "
+                    f"{found / 1e3:g} kPa"
+                )
+
+    def _shoot(self) -> None:
+        """Start shot after shot while the valve is to be open.
+
+        A start whose verdict is lost may have been executed: it is not repeated, the machine
+        stops, and a shot that runs ends by itself.
+        """
+        while not self._closed.is_set():
+            if not self._open.wait(0.1) or self._fault:
+                continue
+            line, began = self._line, time.monotonic()
+            try:
+                if line is not None:
+                    line.send_once(self._dialect.start)
+            except DriverError as error:
+                self._fail(
+                    f"a shot was not confirmed: {error}; if it runs it ends within "
+                    f"{self._shot_s:g} s"
+                )
+                continue
+            self._closed.wait(max(began + self._shot_s - time.monotonic(), 0.0))
+
+    def _fail(self, reason: str) -> None:
+        if not self._closed.is_set() and not self._fault:
+            self._fault = reason

@@ -72,9 +72,13 @@ class Axis:
 
     def move(self, wanted_speed: float, dt: float) -> None:
         """Change the speed as far as the motor can, and move."""
-        wanted = min(max(wanted_speed, -self.speed_limit), self.speed_limit)
-        most = self.acceleration_limit * dt
-        self.speed += min(max(wanted - self.speed, -most), most)
+        fastest, most = self.speed_limit, self.acceleration_limit * dt
+        if not -fastest <= wanted_speed <= fastest:
+            wanted_speed = min(max(wanted_speed, -fastest), fastest)
+        change = wanted_speed - self.speed
+        if not -most <= change <= most:
+            change = min(max(change, -most), most)
+        self.speed += change
         self._advance(dt)
 
     def push(self, share: float, dt: float) -> None:

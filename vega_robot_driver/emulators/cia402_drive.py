@@ -19,6 +19,9 @@ from vega_robot_driver.emulators.object_dictionary import (
 from vega_robot_driver.motion.cia402 import STATUS_BITS, State
 
 PRE_OPERATIONAL = 2
+#: Longest step in which an axis is moved [s].
+STEP = 0.001
+_ENABLED = State.OPERATION_ENABLED
 HOMING, CYCLIC_SYNCHRONOUS_POSITION, CYCLIC_SYNCHRONOUS_TORQUE = 6, 8, 10
 FOLLOWING_ERROR, LIMIT_SWITCH, SAFE_TORQUE_OFF, HOMING_FAILED = 0x8611, 0x8681, 0xFF01, 0x8090
 #: Methods of homing: with a move to the switch at the low end (17), at the high end (18), and
@@ -49,7 +52,7 @@ class Cia402Drive:
         self._homing = self._started = False
         self._mode = CYCLIC_SYNCHRONOUS_POSITION
         self._demand = axis.position
-        self._step = 0.0
+        self._pace = 0.0
         self._left_s = 0.0
         self._outside_s = 0.0
         self._previous_control = 0
@@ -59,6 +62,17 @@ class Cia402Drive:
         self._reader = self._writer = struct.Struct("")
         self.objects = ObjectDictionary(before_write=self._check_write)
         self._fill(self.objects)
+        # What every step touches, found once.
+        self._control, self._wanted_mode, self._window, self._patience = (
+            self.objects.entry(index) for index in (0x6040, 0x6060, 0x6065, 0x6066)
+        )
+        self._interpolation = tuple(
+            self.objects.entry(*at)
+            for at in ((0x607D, 1), (0x607D, 2), (0x60C2, 1), (0x60C2, 2), (0x607A, 0))
+        )
+        self._shown = tuple(
+            self.objects.entry(index) for index in (0x6041, 0x6061, 0x6064, 0x606C, 0x60F4, 0x60FD)
+        )
 
     # -- bus ------------------------------------------------------------------------------
 
@@ -97,49 +111,52 @@ class Cia402Drive:
             moving = self.state in (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE)
             self.state = State.FAULT_REACTION_ACTIVE if moving else State.FAULT
 
-    def step(self, dt: float) -> None:
-        """Let time pass."""
-        self._obey()
-        axis, objects = self.axis, self.objects
-        self._mode = objects[0x6060]
-        enabled = self.state == State.OPERATION_ENABLED
-        if enabled and self._mode == CYCLIC_SYNCHRONOUS_TORQUE:
-            axis.push(objects[0x6071] / 1000.0, dt)
-            self._demand = axis.position
-        elif enabled and self._mode == HOMING:
-            self._home(dt)
-        elif enabled:
-            self._interpolate(dt)
-            axis.move((self._demand - axis.position) / axis.lag_s, dt)
-        else:
+    def pass_time(self, dt: float) -> None:
+        """Let time pass, in steps of at most a millisecond."""
+        steps = max(1, round(dt / STEP))
+        for _ in range(steps):
+            self._step(dt / steps)
+        self._show()
+
+    def _step(self, dt: float) -> None:
+        control = self._control.value
+        if control != self._previous_control or self.state is not _ENABLED or self.torque_off:
+            self._obey(control)
+        axis = self.axis
+        mode = self._mode = self._wanted_mode.value
+        if self.state is not _ENABLED:
             axis.move(0.0, dt)
             self._demand = axis.position
             self._recent.clear()
-        error = self._demand - axis.position
-        if self._mode == CYCLIC_SYNCHRONOUS_POSITION:
-            self._watch_error(abs(error), dt)
-        self._show(error)
+        elif mode == CYCLIC_SYNCHRONOUS_TORQUE:
+            axis.push(self.objects[0x6071] / 1000.0, dt)
+            self._demand = axis.position
+        elif mode == HOMING:
+            self._home(dt)
+        else:
+            self._interpolate(dt)
+            axis.move((self._demand - axis.position) / axis.lag_s, dt)
+        if mode == CYCLIC_SYNCHRONOUS_POSITION:
+            self._watch_error(abs(self._demand - axis.position), dt)
         low, high = axis.travel
-        beyond = axis.position <= low or axis.position >= high
-        if beyond and self.state == State.OPERATION_ENABLED and self._mode != HOMING:
+        if not low < axis.position < high and self.state is _ENABLED and mode != HOMING:
             self.fault(LIMIT_SWITCH)
 
-    def _show(self, error: float) -> None:
+    def _show(self) -> None:
         """Put what the axis does into the objects."""
-        axis, objects = self.axis, self.objects
+        axis, place = self.axis, self.axis.position
         bits = STATUS_BITS[self.state] | 0x0210
         if self._mode == HOMING:
             bits |= 0x1400 if self.homed and not self._homing else 0
-        elif self.state == State.OPERATION_ENABLED:
+        elif self.state is _ENABLED:
             bits |= 0x1000
         low, high = axis.travel
-        objects[0x6041] = bits
-        objects[0x6061] = self._mode
-        objects[0x6064] = round(axis.position + axis.origin)
-        objects[0x606C] = round(axis.speed)
-        objects[0x6077] = objects[0x6071]
-        objects[0x60F4] = round(error)
-        objects[0x60FD] = (axis.position <= low) | (axis.position >= high) << 1
+        status, mode, position, speed, error, inputs = self._shown
+        status.value, mode.value = bits, self._mode
+        position.value, speed.value = round(place + axis.origin), round(axis.speed)
+        error.value = round(self._demand - place)
+        inputs.value = (place <= low) | (place >= high) << 1
+        self.objects[0x6077] = self.objects[0x6071]
 
     def _home(self, dt: float) -> None:
         """Move to the switch that the method names; the place it closes at is known."""
@@ -164,10 +181,9 @@ class Cia402Drive:
             self._homing, self.homed = False, True
         self._demand, self._left_s = axis.position, 0.0
 
-    def _obey(self) -> None:
+    def _obey(self, control: int) -> None:
         """Follow the control word (CiA 402-2, transitions 2 to 16)."""
-        control, previous = self.objects[0x6040], self._previous_control
-        self._previous_control = control
+        previous, self._previous_control = self._previous_control, control
         state, still = self.state, abs(self.axis.speed) < 1.0
         if state == State.FAULT_REACTION_ACTIVE:
             if still:
@@ -217,31 +233,33 @@ class Cia402Drive:
         """Go to the last target within the interpolation time, no faster than allowed."""
         if self._fresh:
             self._fresh = False
-            low, high = self.objects.entry(0x607D, 1).value, self.objects.entry(0x607D, 2).value
-            target = min(max(self.objects[0x607A], low), high) - self.axis.origin
-            self._measure(self.objects[0x607A])
-            exponent = self.objects.entry(0x60C2, 2).value
-            time_s = self.objects.entry(0x60C2, 1).value * 10.0**exponent
+            low, high, period, exponent, wanted = (entry.value for entry in self._interpolation)
+            target = min(max(wanted, low), high) - self.axis.origin
+            self._measure(wanted)
+            time_s = period * 10.0**exponent
             limit = self.axis.speed_limit
-            self._step = min(max((target - self._demand) / time_s, -limit), limit)
+            self._pace = min(max((target - self._demand) / time_s, -limit), limit)
             self._left_s = time_s
         part = min(dt, self._left_s)
-        self._demand += self._step * part
+        self._demand += self._pace * part
         self._left_s -= part
 
     def _measure(self, target: int) -> None:
         """Keep the largest change between two steps of the setpoint [increments]."""
-        self._recent = [*self._recent[-2:], target]
-        if len(self._recent) == 3:
-            a, b, c = self._recent
-            self.largest_change = max(self.largest_change, abs(a - 2 * b + c))
+        recent = self._recent
+        recent.append(target)
+        if len(recent) > 2:
+            change = abs(recent[0] - 2 * recent[1] + recent[2])
+            del recent[0]
+            if change > self.largest_change:
+                self.largest_change = change
 
     def _watch_error(self, error: float, dt: float) -> None:
-        if self.state != State.OPERATION_ENABLED or error <= self.objects[0x6065]:
+        if error <= self._window.value or self.state is not _ENABLED:
             self._outside_s = 0.0
             return
         self._outside_s += dt
-        if self._outside_s * 1000 >= self.objects[0x6066]:
+        if self._outside_s * 1000 >= self._patience.value:
             self.fault(FOLLOWING_ERROR)
 
     def _check_write(self, index: int, sub: int, value: int) -> None:

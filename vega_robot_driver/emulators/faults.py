@@ -3,7 +3,12 @@
 
 from __future__ import annotations
 
-from vega_robot_driver.emulators.segment import Segment
+from typing import TYPE_CHECKING
+
+from vega_planner.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from vega_robot_driver.emulators.segment import Segment
 
 #: Fault of a drive without a cause of its own: over-current, as a number of the standard.
 OVER_CURRENT = 0x7300
@@ -11,6 +16,7 @@ OVER_CURRENT = 0x7300
 FAULTS = {
     "jam": "place of the drive whose axis is blocked",
     "torque_off": "place of the drive whose safe torque off opens",
+    "emergency_stop": "nothing: safe torque off of all drives opens",
     "drive_fault": "place of the drive that trips",
     "limit_switch": "place of the drive whose high limit switch closes",
     "unplug": "drives that the cable still reaches",
@@ -21,6 +27,18 @@ FAULTS = {
 }
 
 
+def parsed(fault: str) -> tuple[str, int]:
+    """Read a fault and its number: `jam 0`, `torque_off 1`, `unplug 2`, `none`, ...
+
+    Raises:
+        InvalidInput: If it is not one of the faults.
+    """
+    kind, _, number = fault.partition(" ")
+    if kind not in FAULTS or not (number or "0").isdigit():
+        raise InvalidInput(f"fault '{fault}'; choices: {', '.join(FAULTS)}, and a number")
+    return kind, int(number or 0)
+
+
 def inject(segment: Segment, fault: str, number: int) -> None:
     """Let something fail."""
     drives = [slave.drive for slave in segment.slaves]
@@ -28,6 +46,9 @@ def inject(segment: Segment, fault: str, number: int) -> None:
         drives[number].axis.jammed = True
     elif fault == "torque_off":
         drives[number].torque_off = True
+    elif fault == "emergency_stop":
+        for drive in drives:
+            drive.torque_off = True
     elif fault == "drive_fault":
         drives[number].fault(OVER_CURRENT)
     elif fault == "limit_switch":

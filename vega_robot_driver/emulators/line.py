@@ -30,10 +30,11 @@ def build_segment(config: BusConfig) -> Segment:
             absolute=axis.homing is None,
             origin=0 if axis.homing is None else -round(at),
             forces=Forces(scale=abs(axis.scale), **axis.emulated) if axis.emulated else None,
-            chance=random.Random(axis.serial),
+            chance=random.Random(axis.known_by[1]),
         )
         identity = (axis.vendor, axis.product, 0x00010000, axis.serial)
-        slaves.append(SlaveController(Cia402Drive(model, identity), f"EMU-{axis.joint}"))
+        drive = Cia402Drive(model, identity)
+        slaves.append(SlaveController(drive, f"EMU-{axis.joint}", axis.alias))
     return Segment(slaves)
 
 
@@ -42,22 +43,26 @@ class Line:
 
     Args:
         segment: The drives.
-        cycle: Time that passes with each cyclic frame [s]; 0 where the clock runs.
-        now: Time at the start [s].
+        cycle: Time that passes with each cyclic frame [s].
     """
 
-    def __init__(self, segment: Segment, cycle: float, now: float = 0.0) -> None:
-        self.segment, self.now = segment, now
-        self._cycle = cycle
+    def __init__(self, segment: Segment, cycle: float) -> None:
+        self.segment, self.now = segment, 0.0
+        self._cycle, self._due = cycle, 0
         self._witness = Witness(segment)
 
     def frame(self, data: bytes) -> bytes | None:
-        """Send a frame down the line; None where it does not come back."""
-        before = self.segment.cycles
-        answer = self.segment.process(data)
-        if self._cycle and self.segment.cycles != before:
+        """Send a frame down the line; None where it does not come back.
+
+        The time that it takes passes with `settle`: what comes back is of the time before.
+        """
+        return self.segment.process(data)
+
+    def settle(self) -> None:
+        """Let the time of the frames since the last call pass."""
+        while self._due < self.segment.cycles:
+            self._due += 1
             self.pass_time(self._cycle)
-        return answer
 
     def pass_time(self, dt: float) -> None:
         """Let time pass [s]."""

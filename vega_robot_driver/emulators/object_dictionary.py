@@ -21,7 +21,7 @@ class Abort(Exception):
         self.code = code
 
 
-@dataclass
+@dataclass(slots=True)
 class Entry:
     """One value: its `struct` format without byte order, and whether masters may write it."""
 

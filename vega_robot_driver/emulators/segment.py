@@ -33,11 +33,9 @@ class Segment:
     cycles: int = 0
 
     def tick(self, now: float, dt: float) -> None:
-        """Let time pass, in steps of at most a millisecond."""
-        steps = max(1, round(dt / 0.001))
+        """Let time pass [s]."""
         for slave in self.slaves:
-            for _ in range(steps):
-                slave.tick(now, dt / steps)
+            slave.tick(now, dt)
 
     def process(self, frame: bytes) -> bytes | None:
         """Send a frame down the line and back; None where it is lost or not EtherCAT."""
@@ -67,9 +65,8 @@ class Segment:
         if command in (LRD, LWR, LRW):
             content = bytearray(data[area])
             logical = position | address << 16
-            counted = sum(
-                s.logical(logical, content, command != LWR, command != LRD) for s in slaves
-            )
+            reads, writes = command != LWR, command != LRD
+            counted = sum([slave.logical(logical, content, reads, writes) for slave in slaves])
             data[area] = content
             self.cycles += command == LRW
             if command == LRW and self.counters_to_falsify > 0:

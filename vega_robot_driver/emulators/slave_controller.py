@@ -22,6 +22,9 @@ WATCHDOG, BAD_OUTPUTS, BAD_INPUTS, OUT_OF_SYNC = 0x001B, 0x001D, 0x001E, 0x001A
 #: What a missed cycle adds to the counter of object 10F1, and what a good one takes off.
 MISSED, GOOD = 3, 1
 
+#: What a window has of a frame: offset there, address here, bytes, the window's, its kind.
+_Share = tuple[int, int, int, int, int]
+_WORD = struct.Struct("<H").unpack_from
 _MAILBOX_FULL = 0x08
 _IN_STATUS = 0x80D
 
@@ -32,16 +35,18 @@ class SlaveController:
     Args:
         drive: The drive behind it.
         name: Name in the EEPROM.
+        alias: Station alias in the EEPROM.
     """
 
-    def __init__(self, drive: Cia402Drive, name: str) -> None:
-        self.drive = drive
+    def __init__(self, drive: Cia402Drive, name: str, alias: int = 0) -> None:
+        self.drive, self.alias = drive, alias
         self.state = INIT
         self.memory = bytearray(0x2000)
-        self._eeprom = eeprom_image(drive.identity, name)
+        self._eeprom = eeprom_image(drive.identity, name, alias)
         self._mailbox = Mailbox(drive.objects)
         self._waiting: list[bytes] = []
         self._windows: list[tuple[int, int, int, int]] = []
+        self._shares: dict[tuple[int, int], list[_Share]] = {}
         self._outputs = (0, 0)
         self._inputs = (0, 0)
         self._op_wanted = False
@@ -51,6 +56,7 @@ class SlaveController:
         memory[0x00:0x0A] = bytes([0x11, 0, 2, 0, 8, 8, 8, 0x0F, 0x0C, 0])  # with 64 bit clock
         memory[0x130] = INIT
         memory[0x140] = 0x05
+        struct.pack_into("<H", memory, 0x12, alias)
         struct.pack_into("<H", memory, 0x400, 0x09C2)
         struct.pack_into("<H", memory, 0x420, 1000)
 
@@ -116,39 +122,46 @@ class SlaveController:
 
     def logical(self, address: int, data: bytearray, reads: bool, writes: bool) -> int:
         """Exchange process data; returns what to add to the working counter."""
-        counted = 0
-        for start, size, place, kind in self._windows:
-            low, high = max(start, address), min(start + size, address + len(data))
-            if low >= high:
-                continue
-            here, there, count = low - address, place + low - start, high - low
+        shares = self._shares.get((address, len(data)))
+        if shares is None:
+            shares = self._shares[address, len(data)] = self._shared(address, len(data))
+        counted, cyclic = 0, self.state in (SAFEOP, OP)
+        for here, there, count, place, kind in shares:
             if kind & 1 and reads:
                 if place == _IN_STATUS:
                     data[here] = self.memory[_IN_STATUS]
                     counted |= 1
-                elif self.state in (SAFEOP, OP):
+                elif cyclic:
                     if place == self._inputs[0]:
                         self._refresh_inputs()
                     data[here : here + count] = self.memory[there : there + count]
                     counted |= 1
-            if kind & 2 and writes and self.state in (SAFEOP, OP):
+            if kind & 2 and writes and cyclic:
                 self.memory[there : there + count] = data[here : here + count]
-                if there + count >= sum(self._outputs):
+                if there + count >= self._outputs[0] + self._outputs[1]:
                     self._take_outputs()
                 counted |= 2
         return counted if reads and writes else bool(counted)
 
+    def _shared(self, address: int, size: int) -> list[_Share]:
+        """Find what the windows have of a stretch of logical addresses."""
+        shares: list[_Share] = []
+        for start, length, place, kind in self._windows:
+            low, high = max(start, address), min(start + length, address + size)
+            if low < high:
+                shares.append((low - address, place + low - start, high - low, place, kind))
+        return shares
+
     def tick(self, now: float, dt: float) -> None:
         """Let time pass."""
         self._now = now
-        self.drive.step(dt)
+        self.drive.pass_time(dt)
         if self.state == OP:
-            divider = struct.unpack_from("<H", self.memory, 0x400)[0]
-            count = struct.unpack_from("<H", self.memory, 0x420)[0]
+            divider, count = _WORD(self.memory, 0x400)[0], _WORD(self.memory, 0x420)[0]
             limit = (divider + 2) * 40e-9 * count
             if limit and now - self._fed > limit:
                 self._enter(SAFEOP, WATCHDOG)
-            elif self._out_of_sync(now):
+            elif self.memory[0x981] & 1 and self._out_of_sync(now):
                 self._enter(SAFEOP, OUT_OF_SYNC)
         while self.drive.emergencies:
             code, register = self.drive.emergencies.pop(0)
@@ -160,7 +173,7 @@ class SlaveController:
         """Count missed cycles, where the clocks are in use and a limit is set."""
         limit = self.drive.objects.entry(0x10F1, 2).value
         cycle = struct.unpack_from("<I", self.memory, 0x9A0)[0] * 1e-9
-        if not limit or not cycle or not self.memory[0x981] & 1:
+        if not limit or not cycle:
             return False
         missed = int((now - self._fed) / cycle - 0.25)
         self._sync_errors += MISSED * max(missed - self._missed, 0)
@@ -251,7 +264,7 @@ class SlaveController:
             memory[0x807 + 8 * number] = memory[0x807 + 8 * number] & ~2 | repeat
 
     def _compile_windows(self) -> None:
-        self._windows = []
+        self._windows, self._shares = [], {}
         for number in range(8):
             start, size, _, _, place, _, kind, active = struct.unpack_from(
                 "<IHBBHBBB", self.memory, 0x600 + 16 * number
@@ -273,15 +286,17 @@ class SlaveController:
             self.memory[_IN_STATUS] |= _MAILBOX_FULL
 
 
-def eeprom_image(identity: tuple[int, int, int, int], name: str) -> bytes:
+def eeprom_image(identity: tuple[int, int, int, int], name: str, alias: int = 0) -> bytes:
     """Build the slave information that a master reads first (ETG.1000.6, 5.4).
 
     Args:
         identity: Vendor, product, revision and serial number.
         name: Name of the device.
+        alias: Its station alias.
     """
     head = bytearray(0x80)
     struct.pack_into("<H", head, 0, 0x0005)
+    struct.pack_into("<H", head, 8, alias)
     head[14] = _checksum(bytes(head[:14]))
     struct.pack_into("<IIII", head, 0x10, *identity)
     boxes = (MAILBOX_OUT, MAILBOX_SIZE, MAILBOX_IN, MAILBOX_SIZE)

@@ -62,11 +62,13 @@ class MotionController(ABC):
         joint_names: Names of the axes, shape (j,).
         dt: Cycle time [s].
         batched: Whether many cycles may be exchanged in one call (simulation).
+        waits: Whether the axes wait for a cycle that comes late (emulation).
     """
 
     joint_names: tuple[str, ...]
     dt: float
     batched: bool = False
+    waits: bool = False
 
     @abstractmethod
     def open(self) -> None:

@@ -19,7 +19,7 @@ _SOURCES = {
     "joint": "the URDF",
     "vendor": "the drive's ESI file, or object 1018:01",
     "product": "the drive's ESI file, or object 1018:02",
-    "serial": "the drive's label, or object 1018:04",
+    "serial": "the drive's label, or object 1018:04; or give 'alias', from its EEPROM",
     "scale": "the drive's resolution: increments per metre or radian",
     "offset": "the machine's homing: joint position at increment 0",
     "following_error": "the machine builder: window of object 6065 in increments",
@@ -31,6 +31,9 @@ _BUS_SOURCES = {
     "wrong_counters": "the machine builder: bad cycles in a row that stop the axes",
     "watchdog_ms": "the machine builder: process-data watchdog",
 }
+#: What may be left out.
+_BUS_CHOICES = ("control", "distributed_clocks", "sync_error_limit")
+_AXIS_CHOICES = ("alias", "homing", "host", "emulated")
 #: Objects that the driver cannot do without.
 _NEEDED = {"rxpdo": (0x6040, 0x607A), "txpdo": (0x6041, 0x6064)}
 
@@ -99,7 +102,7 @@ class BusAxis:
         joint: Joint it moves.
         vendor: Vendor ID.
         product: Product code.
-        serial: Serial number, by which it is known.
+        serial: Serial number, by which it is known; 0 where it is known by its alias.
         scale: Increments per metre or radian; negative where it counts the other way.
         offset: Joint position at increment 0 [m, rad].
         following_error: Window of object 6065 [increments].
@@ -108,6 +111,7 @@ class BusAxis:
         velocity: Highest joint speed [m/s, rad/s].
         homing: How it finds its reference; None where its encoder is absolute.
         host: What closing its loop in the computer takes; None where the drive closes it.
+        alias: Station alias in its EEPROM, by which it is known instead; or 0.
         emulated: Forces that an emulated drive has to overcome, by name, or empty.
     """
 
@@ -123,7 +127,13 @@ class BusAxis:
     velocity: float = 1.0
     homing: Homing | None = None
     host: HostAxis | None = None
+    alias: int = 0
     emulated: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def known_by(self) -> tuple[str, int]:
+        """What it is known by: "alias" or "serial", and its number."""
+        return ("alias", self.alias) if self.alias else ("serial", self.serial)
 
     def increments(self, position: float) -> int:
         """Convert a joint position [m, rad] to increments."""
@@ -145,7 +155,9 @@ class DispenserWiring:
         baud: Bits a second.
         channel: Channel whose parameters are used.
         dialect: Family of its commands.
-        writes: Whether the pressure may be set; only after a person has tried it.
+        writes: Whether parameters may be set; only after a person has tried it.
+        shot_s: Time of the shots [s] that the serial line starts where no wire does; 0 where
+            one does. The output then is to cut the air.
     """
 
     axis: str = ""
@@ -155,6 +167,7 @@ class DispenserWiring:
     channel: int = 1
     dialect: str = "super_sigma"
     writes: bool = False
+    shot_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -197,15 +210,28 @@ class BusConfig:
         Raises:
             InvalidInput: If a joint has no drive.
         """
-        have = {axis.joint: axis for axis in self.axes}
+        limited = self.with_limits(names, lower, upper, velocity)
+        have = {axis.joint: axis for axis in limited.axes}
         missing = [name for name in names if name not in have]
         if missing:
             raise InvalidInput(f"no axis of the bus moves {missing[0]}; has: {', '.join(have)}")
-        axes = tuple(
-            replace(have[name], lower=low, upper=high, velocity=speed)
-            for name, low, high, speed in zip(names, lower, upper, velocity, strict=True)
-        )
-        return replace(self, axes=axes)
+        return replace(self, axes=tuple(have[name] for name in names))
+
+    def with_limits(
+        self,
+        names: Sequence[str],
+        lower: Sequence[float],
+        upper: Sequence[float],
+        velocity: Sequence[float],
+    ) -> BusConfig:
+        """Give the axes that move a robot's joints their limits, in the order they have."""
+        rows = zip(names, lower, upper, velocity, strict=True)
+        limits = {name: (low, high, speed) for name, low, high, speed in rows}
+        axes = []
+        for axis in self.axes:
+            low, high, speed = limits.get(axis.joint, (axis.lower, axis.upper, axis.velocity))
+            axes.append(replace(axis, lower=low, upper=high, velocity=speed))
+        return replace(self, axes=tuple(axes))
 
 
 def read_bus_config(path: str | Path) -> BusConfig:
@@ -226,13 +252,20 @@ def read_bus_config(path: str | Path) -> BusConfig:
         bus, rows = content["bus"], content["axes"]
     except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError) as error:
         raise InvalidInput(f"machine file {path} cannot be read: {error}") from error
+    _only(path, "the file", content, ("bus", "dispenser", "axes"))
+    _only(path, "bus", bus, (*_BUS_SOURCES, *_BUS_CHOICES))
     _require(path, "bus", bus, _BUS_SOURCES)
     for row in rows:
-        _require(path, f"axis {row.get('joint', '?')}", row, _SOURCES)
+        where = f"axis {row.get('joint', '?')}"
+        _only(path, where, row, (*_SOURCES, *_AXIS_CHOICES))
+        if row.get("alias") and row.get("serial"):
+            raise InvalidInput(f"machine file {path}: {where} has 'serial' and 'alias'; give one")
+        _require(path, where, {"serial": 0, **row} if row.get("alias") else row, _SOURCES)
     axes = tuple(_axis(path, row) for row in rows)
-    serials = [axis.serial for axis in axes]
-    if len(set(serials)) < len(serials):
-        raise InvalidInput(f"machine file {path}: two axes have one serial number: {serials}")
+    for axis in axes:
+        if [other.known_by for other in axes].count(axis.known_by) > 1:
+            kind, number = axis.known_by
+            raise InvalidInput(f"machine file {path}: two axes have {kind} {number}")
     config = BusConfig(
         interface=str(bus["interface"]),
         wrong_counters=int(bus["wrong_counters"]),
@@ -258,7 +291,7 @@ def _axis(path: str | Path, row: dict[str, Any]) -> BusAxis:
     where = f"axis {row['joint']}"
     homing, host = row.get("homing"), row.get("host")
     return BusAxis(
-        **{key: _typed(key, row[key]) for key in _SOURCES},
+        **{key: _typed(key, row.get(key, 0)) for key in (*_SOURCES, "alias")},
         homing=_part(path, f"{where}: homing", Homing, homing) if homing else None,
         host=_part(path, f"{where}: host", HostAxis, host) if host else None,
         emulated={key: float(value) for key, value in (row.get("emulated") or {}).items()},
@@ -267,16 +300,20 @@ def _axis(path: str | Path, row: dict[str, Any]) -> BusAxis:
 
 def _part(path: str | Path, where: str, kind: type, row: dict[str, Any]) -> Any:
     """Build a part of the file; every key must be one of its fields."""
-    names = [item.name for item in fields(kind)]
+    _only(path, where, row, [item.name for item in fields(kind)])
+    try:
+        return kind(**row)
+    except TypeError as error:
+        raise InvalidInput(f"machine file {path}: {where}: {error}") from error
+
+
+def _only(path: str | Path, where: str, row: dict[str, Any], names: Sequence[str]) -> None:
+    """Refuse keys that are not known."""
     for key in row:
         if key not in names:
             raise InvalidInput(
                 f"machine file {path}: {where} has no '{key}'; choices: {', '.join(names)}"
             )
-    try:
-        return kind(**row)
-    except TypeError as error:
-        raise InvalidInput(f"machine file {path}: {where}: {error}") from error
 
 
 def _choice(path: str | Path, name: str, value: Any, choices: tuple[str, ...]) -> str:
@@ -296,6 +333,8 @@ def _check_wiring(path: str | Path, config: BusConfig) -> None:
             f"machine file {path}: the dispenser hangs on axis '{config.dispenser.axis}'; "
             f"has: {', '.join(joints)}"
         )
+    if config.dispenser.shot_s and not config.dispenser.port:
+        raise InvalidInput(f"machine file {path}: the dispenser has 'shot_s' and no 'port'")
     homed = [axis.joint for axis in config.axes if axis.homing is not None]
     if homed and 0x6060 not in [item.index for item in config.rxpdo]:
         raise InvalidInput(

@@ -57,9 +57,17 @@ DISABLE_VOLTAGE = 0x00  # transitions 7, 9, 10, 12
 FAULT_RESET = 0x80  # transition 15, on the rising edge
 
 
-def state_of(status: int) -> State:
-    """Read a drive's state out of its status word."""
-    for state, bits in STATUS_BITS.items():
-        if status & (0x6F if state in _WITH_QUICK_STOP_BIT else 0x4F) == bits:
+def _told_by(bits: int) -> State:
+    for state, wanted in STATUS_BITS.items():
+        if bits & (0x6F if state in _WITH_QUICK_STOP_BIT else 0x4F) == wanted:
             return state
     return State.NOT_READY
+
+
+#: The state that each value of the lower bits tells.
+_STATES = tuple(_told_by(bits) for bits in range(0x80))
+
+
+def state_of(status: int) -> State:
+    """Read a drive's state out of its status word."""
+    return _STATES[status & 0x7F]

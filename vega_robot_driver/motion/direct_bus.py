@@ -13,7 +13,7 @@ import struct
 from pathlib import Path
 
 from vega_planner.errors import DriverError
-from vega_robot_driver.emulators.faults import FAULTS
+from vega_robot_driver.emulators.faults import parsed
 from vega_robot_driver.emulators.line import Line, build_segment
 from vega_robot_driver.emulators.slave_controller import (
     DATA_IN,
@@ -28,7 +28,7 @@ from vega_robot_driver.emulators.slave_controller import (
     SlaveController,
 )
 from vega_robot_driver.motion.bus_config import BusAxis, BusConfig, Mapped
-from vega_robot_driver.motion.drive_bus import DriveBus
+from vega_robot_driver.motion.drive_bus import DriveBus, Identity
 from vega_robot_driver.motion.ethercat import EthercatMotion
 
 _HEADER = bytes(12) + b"\x88\xa4"
@@ -90,10 +90,12 @@ class DirectBus(DriveBus):
         self.exchange()
         self.exchange()
 
-    def _identities(self) -> tuple[list[SlaveController], list[tuple[int, int, int]]]:
+    def _identities(self, kinds: set[str]) -> tuple[list[SlaveController], list[Identity]]:
         slaves = list(self._line.segment.slaves)
-        told = [slave.drive.identity for slave in slaves]
-        return slaves, [(vendor, product, serial) for vendor, product, _, serial in told]
+        told = [(*slave.drive.identity, slave.alias) for slave in slaves]
+        return slaves, [
+            Identity(vendor, product, serial, alias) for vendor, product, _, serial, alias in told
+        ]
 
     def _configure(self, slave: SlaveController, axis: BusAxis, number: int) -> None:
         """Lead a drive from INIT to SAFEOP with the configured mapping."""
@@ -148,6 +150,7 @@ class DirectBus(DriveBus):
         datagram = struct.pack("<BBIHH", _LRW, 0, 0, len(data), 0) + data + bytes(2)
         frame = _HEADER + struct.pack("<H", 0x1000 | len(datagram)) + datagram
         answer = self._line.frame(frame)
+        self._line.settle()
         if answer is None or struct.unpack_from("<H", answer, len(answer) - 2)[0] != 3 * len(sent):
             return None
         start = 26 + sum(map(len, sent))
@@ -166,11 +169,9 @@ class DirectDrives:
         self.line = Line(build_segment(config), cycle)
 
     def inject(self, fault: str) -> None:
-        """Let something fail, as `EmulatedDrives.inject`."""
-        kind, _, number = fault.partition(" ")
-        if kind not in FAULTS:
-            raise DriverError(f"fault '{fault}'; choices: {', '.join(FAULTS)}")
-        self.line.obey({"fault": kind, "number": int(number or 0)})
+        """Let something fail: a fault and its number, see `FAULTS`."""
+        kind, number = parsed(fault)
+        self.line.obey({"fault": kind, "number": number})
 
     def tell(self, **message: object) -> None:
         """Tell the drives something."""

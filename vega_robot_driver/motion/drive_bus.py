@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import struct
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from vega_planner.errors import DriverError, LinkTimeout
 from vega_robot_driver.motion.bus_config import BusAxis, BusConfig, Mapped
@@ -20,11 +20,24 @@ _FORMS = {8: "B", 16: "H", 32: "I"}
 _SIGNED = {
     0x6060: "b", 0x6061: "b", 0x6064: "i", 0x606C: "i", 0x607A: "i", 0x6071: "h", 0x6077: "h",
 }  # fmt: skip
+#: Where the value of each object that is sent lies; what is not listed is sent as 0.
+_SENT = {0x6040: "control", 0x6060: "mode", 0x6071: "torque", 0x607A: "target", 0x60FE: "outputs"}
 #: Cycles that reaching a bus state may take.
 PATIENCE = 1000
 #: Tries of a configuration step: short built-in time-outs fail now and then under load.
 TRIES = 3
+#: Where the station alias lies in the EEPROM [words].
+_ALIAS = 4
 _Answer = TypeVar("_Answer")
+
+
+class Identity(NamedTuple):
+    """What a drive says that it is; 0 for what was not asked."""
+
+    vendor: int
+    product: int
+    serial: int
+    alias: int
 
 
 class DriveBus:
@@ -69,6 +82,11 @@ class DriveBus:
         self.errors = [0] * count
         self.clocked = False
         self.wrong = self.wrong_in_a_row = 0
+        self._nothing = [0] * count
+        self._columns = [
+            self._received.index(index) if index in self._received else -1
+            for index in (0x6041, 0x6064, 0x606C, 0x603F)
+        ]
 
     @property
     def is_open(self) -> bool:
@@ -104,7 +122,7 @@ class DriveBus:
             ) from error
         found = self._master.config_init()
         if found < len(self._config.axes):
-            raise DriverError(
+            raise LinkTimeout(
                 f"{max(found, 0)} drives answer on '{self._interface}'; "
                 f"{len(self._config.axes)} are configured"
             )
@@ -136,33 +154,41 @@ class DriveBus:
             master.close()
 
     def _identified(self) -> list[Any]:
-        """Find each axis's drive by its serial number, wherever it is on the line."""
-        slaves, identities = self._identities()
-        serials = [serial for _, _, serial in identities]
+        """Find each axis's drive by serial number or alias, wherever it is on the line."""
+        kinds = {axis.known_by[0] for axis in self._config.axes}
+        slaves, identities = self._identities(kinds)
         found = []
         for axis in self._config.axes:
-            if axis.serial not in serials:
-                raise DriverError(
-                    f"no drive has {axis.joint}'s serial number {axis.serial}; found: {serials}"
-                )
-            place = serials.index(axis.serial)
-            vendor, product, _ = identities[place]
+            kind, number = axis.known_by
+            there = [getattr(identity, kind) for identity in identities]
+            if there.count(number) != 1:
+                several = "no drive has" if number not in there else "several drives have"
+                raise DriverError(f"{several} {axis.joint}'s {kind} {number}; found: {there}")
+            place = there.index(number)
+            vendor, product, *_ = identities[place]
             if (vendor, product) != (axis.vendor, axis.product):
                 raise DriverError(
-                    f"the drive of {axis.joint} (serial {axis.serial}) is vendor 0x{vendor:X} "
+                    f"the drive of {axis.joint} ({kind} {number}) is vendor 0x{vendor:X} "
                     f"product 0x{product:X}; configured: 0x{axis.vendor:X} 0x{axis.product:X}"
                 )
             found.append(slaves[place])
         return found
 
-    def _identities(self) -> tuple[list[Any], list[tuple[int, int, int]]]:
-        """Ask all drives of the line for vendor, product and serial number."""
+    def _identities(self, kinds: set[str]) -> tuple[list[Any], list[Identity]]:
+        """Ask all drives of the line who they are, and for what they are known by."""
         slaves = list(self._master.slaves)
 
-        def serial(slave: Any) -> int:
-            return int.from_bytes(_retried(lambda: slave.sdo_read(0x1018, 4)), "little")
+        def asked(kind: str, slave: Any) -> int:
+            if kind not in kinds:
+                return 0
+            if kind == "serial":
+                return int.from_bytes(_retried(lambda: slave.sdo_read(0x1018, 4)), "little")
+            return int.from_bytes(_retried(lambda: slave.eeprom_read(_ALIAS))[:2], "little")
 
-        return slaves, [(slave.man, slave.id, serial(slave)) for slave in slaves]
+        return slaves, [
+            Identity(slave.man, slave.id, asked("serial", slave), asked("alias", slave))
+            for slave in slaves
+        ]
 
     def _configuration(self, slave: Any, axis: BusAxis) -> Callable[[int], None]:
         config = self._config
@@ -240,29 +266,18 @@ class DriveBus:
 
     def exchange(self) -> bool:
         """Exchange one frame; true where every drive took part."""
-        sent = []
-        for number in range(len(self.control)):
-            values = {
-                0x6040: self.control[number],
-                0x6060: self.mode[number],
-                0x6071: self.torque[number],
-                0x607A: self.target[number],
-                0x60FE: self.outputs[number],
-            }
-            sent.append(self._send.pack(*[values.get(index, 0) for index in self._sent]))
-        received = self._transfer(sent)
+        columns = [getattr(self, _SENT.get(index, "_nothing")) for index in self._sent]
+        received = self._transfer([self._send.pack(*row) for row in zip(*columns, strict=True)])
         if received is None:
             self.wrong += 1
             self.wrong_in_a_row += 1
             return False
         self.wrong_in_a_row = 0
-        for number, data in enumerate(received):
-            values = dict(zip(self._received, self._receive.unpack(data), strict=True))
-            self.status[number] = values[0x6041]
-            self.states[number] = state_of(values[0x6041])
-            self.position[number] = values[0x6064]
-            self.speed[number] = values.get(0x606C, 0)
-            self.errors[number] = values.get(0x603F, 0)
+        found = list(zip(*map(self._receive.unpack, received), strict=True))
+        self.status, self.position, self.speed, self.errors = (
+            list(found[column]) if column >= 0 else list(self._nothing) for column in self._columns
+        )
+        self.states = [state_of(status) for status in self.status]
         return True
 
     def _transfer(self, sent: list[bytes]) -> list[bytes] | None:

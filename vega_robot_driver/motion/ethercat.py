@@ -67,7 +67,10 @@ class EthercatMotion(MotionController):
         self._mode = TORQUE_MODE if config.control == "host" else POSITION_MODE
         wired = config.dispenser.axis
         self._valve = self.joint_names.index(wired) if wired else -1
-        self._gate = self._enabled = False
+        self._enabled = False
+        self._all_enabled = [State.OPERATION_ENABLED] * len(config.axes)
+        self._scale = np.array([axis.scale for axis in config.axes])
+        self._offset = np.array([axis.offset for axis in config.axes])
         self._homed = not any(axis.homing for axis in config.axes)
         self._homing: HomingRun | None = None
         self._host = HostControl(config.axes, dt) if config.control == "host" else None
@@ -152,23 +155,21 @@ class EthercatMotion(MotionController):
 
     def exchange(self, targets: Floats, speeds: Floats, gate: Bools) -> Feedback:
         """Send targets cycle by cycle; stops at the first wrong one."""
-        axes, bus = self._config.axes, self._bus
-        for number, (row, speed, on) in enumerate(zip(targets, speeds, gate, strict=True)):
-            bus.target = list(bus.position)
-            if self._enabled and self._host is not None:
-                bus.torque = self._host.torques(row, speed, bus.position, bus.speed)
-            elif self._enabled:
-                bus.target = [
-                    axis.increments(value) for axis, value in zip(axes, row, strict=True)
-                ]
-            self._open_valve(bool(on))
-            feedback = self._checked_cycle()
-            if self._recording is not None and self._host is not None:
-                self._recording.add(feedback.positions, speed, self._host.force)
-            if feedback.fault:
+        bus, host = self._bus, self._host if self._enabled else None
+        follows = self._enabled and host is None
+        sent = np.rint((targets - self._offset) * self._scale).astype(np.int64).tolist()
+        for number, on in enumerate(gate.tolist()):
+            bus.target = sent[number] if follows else list(bus.position)
+            if host is not None:
+                bus.torque = host.torques(targets[number], speeds[number], bus.position, bus.speed)
+            self._open_valve(on)
+            fault = self._cycle()
+            if self._recording is not None and host is not None:
+                self._recording.add(self._feedback().positions, speeds[number], host.force)
+            if fault:
                 self._open_valve(False)
-                return replace(feedback, cycles=number)
-        return feedback
+                return replace(self._feedback(fault), cycles=number)
+        return self._feedback()
 
     def stop_quickly(self) -> Feedback:
         """Quick stop of all drives, valve closed."""
@@ -200,17 +201,17 @@ class EthercatMotion(MotionController):
         bus.wrong_in_a_row = 0
         self._homing = None
 
-    def _checked_cycle(self) -> Feedback:
+    def _cycle(self) -> str:
+        """Exchange a frame; says why the machine must stop, or nothing."""
         bus = self._bus
         good = bus.exchange()
         if not good and bus.wrong_in_a_row >= self._config.wrong_counters:
-            return self._feedback(f"{bus.wrong_in_a_row} wrong working counters in a row")
-        enabled = all(state is State.OPERATION_ENABLED for state in bus.states)
-        if good and self._enabled and not enabled:
-            return self._feedback(f"left operation enabled: {self._bad_axes()}")
+            return f"{bus.wrong_in_a_row} wrong working counters in a row"
+        if good and self._enabled and bus.states != self._all_enabled:
+            return f"left operation enabled: {self._bad_axes()}"
         if self._enabled and self._host is not None and self._host.astray:
-            return self._feedback(f"following error: {self._host.astray}")
-        return self._feedback()
+            return f"following error: {self._host.astray}"
+        return ""
 
     def _open_valve(self, on: bool) -> None:
         if self._valve >= 0:
@@ -218,10 +219,8 @@ class EthercatMotion(MotionController):
             self._bus.outputs[self._valve] = bit if on else 0
 
     def _feedback(self, fault: str = "") -> Feedback:
-        axes, bus = self._config.axes, self._bus
-        places = [axis.position(value) for axis, value in zip(axes, bus.position, strict=True)]
-        speeds = [value / axis.scale for axis, value in zip(axes, bus.speed, strict=True)]
-        return Feedback(np.array(places), np.array(speeds), fault)
+        places = np.array(self._bus.position) / self._scale + self._offset
+        return Feedback(places, np.array(self._bus.speed) / self._scale, fault)
 
     # -- homing ---------------------------------------------------------------------------
 
@@ -260,11 +259,10 @@ class EthercatMotion(MotionController):
                 break
             self._open_valve(False)
             self._homing.command()
-            feedback = self._checked_cycle()
-            failed = feedback.fault or self._homing.failed()
+            failed = self._cycle() or self._homing.failed()
             if failed:
                 self._homing = None
-                return replace(feedback, fault=failed)
+                return self._feedback(failed)
             if self._homing.done():
                 self._homing, self._homed = None, True
                 self._keep_epoch(self._epoch + 1)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -157,6 +158,7 @@ def diagnostics_to_msg(
     axes: list[tuple[str, str, int]],
     hardware: str,
     checkpoint: Checkpoint | None,
+    quality: Mapping[str, str] | None = None,
 ) -> list[DiagnosticStatus]:
     """Write the state of machine, axes and dispenser.
 
@@ -165,6 +167,7 @@ def diagnostics_to_msg(
         axes: Name, state and error code of each axis.
         hardware: Kind of hardware.
         checkpoint: Last checkpoint, None where there is none.
+        quality: What else is known of the bus, by name.
     """
     if status is None:
         text = "not connected"
@@ -187,6 +190,7 @@ def diagnostics_to_msg(
         "lateness_us_p99": p99,
         "lateness_us_max": top,
         "homing_epoch": str(status.homing_epoch),
+        **(quality or {}),
     }
     if checkpoint is not None:
         machine["checkpoint_state"] = checkpoint.state

@@ -14,7 +14,7 @@ from builtin_interfaces.msg import Duration
 from rclpy.action import ActionServer, CancelResponse
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from vega_planner.errors import Cancelled, InvalidInput, VegaError
+from vega_planner.errors import Cancelled, Faulted, InvalidInput, LinkTimeout, VegaError
 from vega_robot_driver.job import PrintJob
 from vega_robot_driver.nodes.conversions import job_of_trajectory
 from vega_robot_driver.status import MachineStatus
@@ -60,12 +60,12 @@ def offer(node: Any, group: Any, names: Callable[[], tuple[str, ...]], run: Run)
         except Cancelled as error:
             result.error_string = str(error)
             goal.canceled() if goal.is_cancel_requested else goal.abort()
-        except InvalidInput as error:
-            result.error_code, result.error_string = result.INVALID_GOAL, str(error)
-            goal.abort()
-        except VegaError as error:
+        except (Faulted, LinkTimeout) as error:  # it had begun
             result.error_code = result.PATH_TOLERANCE_VIOLATED
             result.error_string = str(error)
+            goal.abort()
+        except VegaError as error:
+            result.error_code, result.error_string = result.INVALID_GOAL, str(error)
             goal.abort()
         return result
 

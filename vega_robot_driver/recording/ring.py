@@ -46,7 +46,7 @@ class Ring:
         size = _COUNT + ROOM * ROW.itemsize
         self._memory = map_file(path, size, f"no ring at {path}", create=create)
         self._row = np.zeros(1, ROW)
-        self._written = 0
+        self._put = 0
 
     def put(self, executor: Executor) -> None:
         """Add what the last cycle was."""
@@ -58,10 +58,15 @@ class Ring:
         row["layer"] = job.layer_of(path) if job else -1
         row["positions"][0, :axes], row["targets"][0, :axes] = executor.positions, executor.targets
         row["wrong_counters"] = executor.motion.quality.wrong_counters
-        at = _COUNT + self._written % ROOM * ROW.itemsize
+        at = _COUNT + self._put % ROOM * ROW.itemsize
         self._memory[at : at + ROW.itemsize] = row.tobytes()
-        self._written += 1  # told after the row is there (stores are not reordered on x86)
-        self._memory[:_COUNT] = self._written.to_bytes(_COUNT, "little")
+        self._put += 1  # told after the row is there (stores are not reordered on x86)
+        self._memory[:_COUNT] = self._put.to_bytes(_COUNT, "little")
+
+    @property
+    def written(self) -> int:
+        """Rows that were written until now."""
+        return int.from_bytes(self._memory[:_COUNT], "little")
 
     def take(self, since: int) -> tuple[np.ndarray, int, int]:
         """Read the rows after the first `since`.
@@ -70,7 +75,7 @@ class Ring:
             The rows, how many rows were written until now, and how many are lost because
             the ring came round before they were read.
         """
-        written = int.from_bytes(self._memory[:_COUNT], "little")
+        written = self.written
         first = max(since, written - ROOM // 2)
         indices = [number % ROOM for number in range(first, written)]
         size = ROW.itemsize

@@ -1,14 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compile every kernel by planning small parts once; the machine code is cached on disk.
-
-A second process plans flat layers meanwhile: it needs no kernel of the enveloping layers,
-and has those of the later stages ready when the first comes to them.
-"""
+"""Plan small parts that between them call every kernel; print one of them virtually."""
 
 from __future__ import annotations
 
 import os
-import subprocess
 import sys
 import tempfile
 import warnings
@@ -26,8 +21,8 @@ CASES: tuple[tuple[str, dict[str, Any]], ...] = (
     ("down", {"toolpaths": {"pattern": "spiral"}}),
     ("down", {"toolpaths": {"pattern": "zigzag", "spacing": "euclidean"}}),
     ("none", {}),
+    ("down", {"layers": {"engine": "planar"}, "printability": {"orientation": "vertical"}}),
 )
-FLAT = ("down", {"layers": {"engine": "planar"}, "printability": {"orientation": "vertical"}})
 
 
 def half_ball(radius: float = 6.0, rings: int = 12, turns: int = 32) -> tuple[Any, Any]:
@@ -54,17 +49,8 @@ def half_ball(radius: float = 6.0, rings: int = 12, turns: int = 32) -> tuple[An
     return vertices, np.array(faces)
 
 
-def main(words: list[str]) -> int:
-    """Plan all cases, in two processes; 1 where one could not be planned."""
-    if words == ["flat"]:
-        return warm((FLAT,))
-    beside = subprocess.Popen([sys.executable, __file__, "flat"])
-    status = warm(CASES)
-    return beside.wait() or status
-
-
-def warm(cases: tuple[tuple[str, dict[str, Any]], ...]) -> int:
-    """Plan each case; print the first virtually."""
+def main() -> int:
+    """Plan each case; print the first virtually. 1 where one could not be planned."""
     from vega_planner.assess.virtual_print import simulate_folder
     from vega_planner.errors import VegaError
     from vega_planner.pipeline import plan
@@ -74,7 +60,7 @@ def warm(cases: tuple[tuple[str, dict[str, Any]], ...]) -> int:
     mesh = half_ball()
     status = 0
     with tempfile.TemporaryDirectory() as folder:
-        for index, (brr, changes) in enumerate(cases):
+        for index, (brr, changes) in enumerate(CASES):
             settings = Settings().updated({"part": {"brr": [brr]}, **changes})
             try:
                 result = plan((*mesh, "half ball"), settings)
@@ -82,10 +68,10 @@ def warm(cases: tuple[tuple[str, dict[str, Any]], ...]) -> int:
                     result.write(Path(folder) / "plan")
                     simulate_folder(Path(folder) / "plan", voxel_mm=0.4)
             except VegaError as error:
-                print(f"setup: kernels of {changes or brr}: {error}", file=sys.stderr)
+                print(f"kernels: case {changes or brr}: {error}", file=sys.stderr)
                 status = 1
     return status
 
 
 if __name__ == "__main__":
-    raise SystemExit(main(sys.argv[1:]))
+    raise SystemExit(main())
