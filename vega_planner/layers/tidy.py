@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from vega_planner.datatypes import Floats, Ints
 from vega_planner.layers import tidy_kernels as kernels
 from vega_planner.layers.contour import Sheet
 from vega_planner.layers.geodesic import Sources
@@ -46,7 +47,7 @@ def tidy_sheet(sheet: Sheet, sources: Sources, t: float) -> Sheet:
             break
     # What coincides and could not be merged without joining the two sides of an edge.
     if kernels.drop_flat(sheet.vertices, faces):
-        faces = faces[faces[:, 0] >= 0]
+        faces = _zipped(sheet.vertices, faces[faces[:, 0] >= 0])
     if len(faces) == len(sheet.faces):
         return Sheet(
             sheet.depth, sheet.vertices, faces, sheet.slots, sheet.rim, sheet.inward
@@ -58,3 +59,47 @@ def tidy_sheet(sheet: Sheet, sources: Sources, t: float) -> Sheet:
         sheet.depth, sheet.vertices[used], number[faces], sheet.slots[used], sheet.rim[used],
         sheet.inward[used],
     )  # fmt: skip
+
+
+def _zipped(vertices: Floats, faces: Ints) -> Ints:
+    """Close the slits that flat faces leave: two open edges from a vertex to one place.
+
+    Args:
+        vertices: Points [mm], shape (n, 3).
+        faces: Vertex indices, shape (m, 3).
+
+    Returns:
+        The faces with one vertex for both where every edge still has at most two faces.
+    """
+    while True:
+        ahead = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2)
+        _, kind, uses = np.unique(
+            np.sort(ahead, axis=1), axis=0, return_inverse=True, return_counts=True
+        )
+        open_edges = ahead[uses[kind.ravel()] == 1]
+        after = dict(open_edges.tolist())
+        closed: set[int] = set()
+        for before, at in open_edges.tolist():
+            other = after.get(at, before)
+            if (
+                other != before
+                and closed.isdisjoint((before, at, other))
+                and (vertices[other] == vertices[before]).all()
+            ):
+                merged = _merged(faces, before, other)
+                if merged is not faces:
+                    faces = merged
+                    closed.update((before, at, other))
+        if not closed:
+            return faces
+
+
+def _merged(faces: Ints, gone: int, kept: int) -> Ints:
+    """Put one vertex in the place of another; the same faces where they would not fit."""
+    ring = faces[((faces == gone) | (faces == kept)).any(1)]
+    ring = np.where(ring == gone, kept, ring)
+    ends = np.sort(np.stack([ring, np.roll(ring, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
+    _, uses = np.unique(ends, axis=0, return_counts=True)
+    if (uses > 2).any() or (ends[:, 0] == ends[:, 1]).any():
+        return faces
+    return np.where(faces == gone, kept, faces)
