@@ -227,6 +227,7 @@ class PrintPlan:
         """What a person should know, from every stage."""
         return (
             *self.part.warnings,
+            *self.cell.warnings,
             *self.stack.warnings,
             *self.toolpaths.warnings,
             *self.trajectory.warnings,

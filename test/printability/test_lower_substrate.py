@@ -28,6 +28,7 @@ def test_a_substrate_over_the_part_gives_way_to_a_low_bowl():
     assert after.report.unprintable_ratio < 0.5 * before.report.unprintable_ratio
     assert other.substrate.vertices[:, 2].max() <= 0.4 * 24.5 + 1e-9
     assert other.placement.plate_z_mm == -other.substrate.floor_mm
+    assert "print the substrate.stl of this result" in other.warnings[-1]
 
 
 def test_a_substrate_that_is_not_in_the_way_stays():

@@ -7,6 +7,7 @@ its substrate, beside what is to be printed. What leans little needs none to be 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from vega_planner.datatypes import LayerStack
@@ -66,4 +67,11 @@ def with_lower_substrate(
             best = other, judged
         if judged.report.unprintable_ratio <= LITTLE:
             break
-    return best
+    if best[0].substrate is None or best[0] is cell:
+        return best
+    edge = float(best[0].substrate.vertices[:, 2].max())
+    said = (
+        f"the substrate ends {edge:.1f} mm above the part's lowest point, not {usual:.1f} mm, "
+        "where it would be in the way: print the substrate.stl of this result"
+    )
+    return replace(best[0], warnings=(*best[0].warnings, said)), best[1]
