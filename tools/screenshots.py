@@ -18,6 +18,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / "tools")]
 
@@ -103,11 +105,23 @@ def of_the_plan(viewer: Any, page: Any, out: Path) -> None:
     controls.show_robot.value = True
     picture.redraw()
     step_back(viewer, 1.5)
-    time_s = round(0.6 * picture.result.timeline.duration_s, 1)
+    time_s = seen_from_beside(viewer)
     controls.time.value = time_s
     viewer.set_time(time_s)
     page.get_by_role("tab", name="Show").click()
     save(page, out / "viewer_print.png")
+
+
+def seen_from_beside(viewer: Any) -> float:
+    """A time in the third quarter at which the nozzle stands to the left of the part [s]."""
+    camera = viewer._server.initial_camera
+    ahead = np.subtract(camera.look_at, camera.position)
+    right = np.cross(ahead, (0.0, 0.0, 1.0))
+    timeline = viewer.picture.result.timeline
+    times = np.round(np.linspace(0.5, 0.75, 60) * timeline.duration_s, 1).tolist()
+    return min(
+        times, key=lambda t: (not timeline.at(t).dispensing, np.dot(timeline.at(t).axis, right))
+    )
 
 
 def step_back(viewer: Any, times: float) -> None:
