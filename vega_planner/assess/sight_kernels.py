@@ -11,14 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from vega_planner.compiled import kernel
-
-
-@kernel
-def _root(parents, run):
-    while parents[run] != run:
-        parents[run] = parents[parents[run]]
-        run = parents[run]
-    return run
+from vega_planner.part.surface_kernels import find_root
 
 
 @kernel
@@ -82,7 +75,7 @@ def join_runs(rows, runs, count_z, count_y):
                     elif runs[b, 1] < runs[a, 0]:
                         b += 1
                     else:
-                        left, right = _root(parents, a), _root(parents, b)
+                        left, right = find_root(parents, a), find_root(parents, b)
                         if left != right:
                             parents[max(left, right)] = min(left, right)
                         if runs[a, 1] < runs[b, 1]:
@@ -90,7 +83,7 @@ def join_runs(rows, runs, count_z, count_y):
                         else:
                             b += 1
     for run in range(len(runs)):
-        parents[run] = _root(parents, run)
+        parents[run] = find_root(parents, run)
     return parents
 
 

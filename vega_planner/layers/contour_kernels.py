@@ -15,7 +15,8 @@ import numpy as np
 
 from vega_planner.compiled import kernel
 from vega_planner.layers.grid_kernels import FACING, INSIDE
-from vega_planner.layers.triangle_kernels import closest, first_hit, measure, nearest, walk
+from vega_planner.layers.tree_kernels import first_hit, nearest
+from vega_planner.layers.triangle_kernels import closest, measure, walk
 from vega_planner.layers.vertex_kernels import (
     SAME_SHEET,
     place,

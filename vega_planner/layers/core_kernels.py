@@ -8,7 +8,7 @@ import numpy as np
 
 from vega_planner.compiled import kernel
 from vega_planner.layers.grid_kernels import INSIDE
-from vega_planner.layers.triangle_kernels import first_hit, nearest
+from vega_planner.layers.tree_kernels import first_hit, nearest
 from vega_planner.part.surface_kernels import cross_of
 
 #: What ends the room in front of a point.

@@ -9,7 +9,8 @@ import numpy as np
 
 from vega_planner.datatypes import Floats, Ints, Part
 from vega_planner.errors import InvalidInput
-from vega_planner.layers import triangle_kernels as kernels
+from vega_planner.layers import tree_kernels as trees
+from vega_planner.layers import triangle_kernels as triangles
 from vega_planner.parallel import map_threads
 
 #: Points answered by one piece of work; a power of two keeps neighbours together.
@@ -58,13 +59,13 @@ class DistanceField:
         low = vertices.min(0)
         extent = float((vertices.max(0) - low).max())
         scale = (2.0**20 - 1) / extent if extent > 0 else 0.0
-        codes = kernels.morton_codes(vertices, faces, low, scale)
+        codes = trees.morton_codes(vertices, faces, low, scale)
         self.faces: Ints = np.argsort(codes, kind="stable")
-        self.tri = kernels.triangle_rows(vertices, faces, self.faces)
+        self.tri = triangles.triangle_rows(vertices, faces, self.faces)
         leaves = 1
-        while leaves * kernels.LEAF < len(faces):
+        while leaves * trees.LEAF < len(faces):
             leaves *= 2
-        self.box = kernels.box_tree(self.tri, leaves)
+        self.box = trees.box_tree(self.tri, leaves)
         self._vertices = vertices
         self._mesh_faces = faces
         self._rings: tuple[Ints, Ints, Ints] | None = None
@@ -78,7 +79,7 @@ class DistanceField:
     def rings(self) -> tuple[Ints, Ints, Ints]:
         """Corners of each triangle, and the triangles round each vertex, in tree order."""
         if self._rings is None:
-            self._rings = kernels.rings(self._mesh_faces, self.faces, len(self._vertices))
+            self._rings = triangles.rings(self._mesh_faces, self.faces, len(self._vertices))
         return self._rings
 
     def nearest(self, points: Floats) -> NearestPoints:
@@ -98,7 +99,7 @@ class DistanceField:
 
         def answer(first: int) -> None:
             last = min(first + _CHUNK, count)
-            kernels.nearest_many(self.tri, self.box, points, first, last, slot, distance, foot)
+            trees.nearest_many(self.tri, self.box, points, first, last, slot, distance, foot)
 
         map_threads(answer, range(0, count, _CHUNK))
         return NearestPoints(distance, foot, self.faces[slot])
@@ -132,7 +133,7 @@ class DistanceField:
 
         def answer(first: int) -> None:
             last = min(first + _CHUNK, count)
-            kernels.first_hit_many(self.tri, self.box, starts, ends, first, last, slot, parameter)
+            trees.first_hit_many(self.tri, self.box, starts, ends, first, last, slot, parameter)
 
         map_threads(answer, range(0, count, _CHUNK))
         return np.where(slot >= 0, self.faces[slot], -1), parameter

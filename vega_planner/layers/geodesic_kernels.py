@@ -13,7 +13,8 @@ import numpy as np
 
 from vega_planner.compiled import kernel
 from vega_planner.layers.grid_kernels import INSIDE, NONE
-from vega_planner.layers.triangle_kernels import closest, first_hit
+from vega_planner.layers.tree_kernels import first_hit
+from vega_planner.layers.triangle_kernels import closest, is_among
 
 
 @kernel
@@ -168,12 +169,7 @@ def sweep_inside(
                             s = slot[m]
                             if state[m] == NONE or s < 0 or s == best:
                                 continue
-                            again = False
-                            for q in range(count):
-                                if tried[q] == s:
-                                    again = True
-                                    break
-                            if again:
+                            if is_among(tried, count, s):
                                 continue
                             tried[count] = s
                             count += 1

@@ -11,13 +11,8 @@ from __future__ import annotations
 import numpy as np
 
 from vega_planner.compiled import kernel
-from vega_planner.layers.triangle_kernels import (
-    SAME_BASIN,
-    closest,
-    measure,
-    nearest,
-    walk,
-)
+from vega_planner.layers.tree_kernels import nearest
+from vega_planner.layers.triangle_kernels import SAME_BASIN, closest, is_among, measure, walk
 
 #: States of a node.
 NONE, RING, INSIDE = 0, 1, 2
@@ -275,12 +270,7 @@ def sweep(
                     s = np.int64(slot[m])
                     if s in (now, best, current):
                         continue
-                    again = False
-                    for p in range(count):
-                        if tried[p] == s:
-                            again = True
-                            break
-                    if again:
+                    if is_among(tried, count, s):
                         continue
                     tried[count] = s
                     count += 1

@@ -58,6 +58,21 @@ def number_edges(faces, first, flagged, bits, keys, numbers, ends):
 
 
 @kernel
+def count_whole(middle):
+    """Count the faces without a split edge, and the faces that the others become."""
+    whole, made = 0, 0
+    for f in range(len(middle)):
+        split = 0
+        for c in range(3):
+            split += middle[f, c] >= 0
+        if split:
+            made += split + 1
+        else:
+            whole += 1
+    return whole, made
+
+
+@kernel
 def find_middles(faces, at_edge, bits, keys, numbers, start, middle, uses):
     """Look up which edges of all faces are numbered.
 
@@ -71,9 +86,7 @@ def find_middles(faces, at_edge, bits, keys, numbers, start, middle, uses):
         Faces without a numbered edge, and the faces the others become.
     """
     mask = (1 << bits) - 1
-    whole, made = 0, 0
     for f in range(len(faces)):
-        split = 0
         for c in range(3):
             middle[f, c] = -1
             a, b = faces[f, c], faces[f, (c + 1) % 3]
@@ -86,27 +99,7 @@ def find_middles(faces, at_edge, bits, keys, numbers, start, middle, uses):
             if keys[p] == key:
                 middle[f, c] = start + numbers[p]
                 uses[numbers[p]] += 1
-                split += 1
-        if split:
-            made += split + 1
-        else:
-            whole += 1
-    return whole, made
-
-
-@kernel
-def count_whole(middle):
-    """Count the faces without a split edge, and the faces that the others become."""
-    whole, made = 0, 0
-    for f in range(len(middle)):
-        split = 0
-        for c in range(3):
-            split += middle[f, c] >= 0
-        if split:
-            made += split + 1
-        else:
-            whole += 1
-    return whole, made
+    return count_whole(middle)
 
 
 @kernel

@@ -7,14 +7,13 @@ from __future__ import annotations
 import numpy as np
 
 from vega_planner.compiled import kernel
+from vega_planner.layers.tree_kernels import nearest, nearest_or_walk
 from vega_planner.layers.triangle_kernels import (
     SAME_BASIN,
     closest,
     foot,
     heaviest,
     measure,
-    nearest,
-    nearest_or_walk,
     off_plane,
     walk,
 )
