@@ -36,7 +36,9 @@ extra_options: dict[str, Any] = {}
 _LETTERS = {np.dtype(t): t for t in ("f8", "f4", "i8", "i4", "i2", "i1", "u8", "u4", "u2", "u1")}
 _LETTERS[np.dtype(bool)] = "b1"
 _SCALARS = {float: "f8", int: "i8", bool: "b1"}
-_ORDERED, _WRITEABLE = 0x101, 0x400  # flags of an array: C order and aligned; writeable
+#: Flags of an array, as numpy numbers them: in C order and aligned; writeable.
+_ORDERED, _WRITEABLE = 0x101, 0x400
+_FLAGS = _ORDERED | _WRITEABLE
 
 _lock = threading.RLock()
 
@@ -70,7 +72,7 @@ class Kernel:
     def __call__(self, *values: Any) -> Any:
         """Run the machine code that fits the types of the values."""
         shape = tuple([
-            (v.dtype, v.ndim, v.flags.num & 0x501) if type(v) is np.ndarray else _shape(v)
+            (v.dtype, v.ndim, v.flags.num & _FLAGS) if type(v) is np.ndarray else _shape(v)
             for v in values
         ])  # fmt: skip
         code = self._known.get(shape)
@@ -83,7 +85,9 @@ class Kernel:
         if log := os.environ.get(LOG_VARIABLE):
             with Path(log).open("a", encoding="utf-8") as file:
                 file.write(" ".join([self.__module__, self.__name__, *map(str, given)]) + "\n")
-        for words, code in _built().get((self.__module__, self.__name__), ()):
+        with _lock:  # two threads must not open the libraries at once
+            built = _built()
+        for words, code in built.get((self.__module__, self.__name__), ()):
             if len(words) == len(given) and all(map(_fits, given, words)):
                 return code
         return self.dispatcher
@@ -111,7 +115,7 @@ def _shape(value: Any) -> Any:
     if isinstance(value, tuple):
         return tuple([_shape(v) for v in value])
     if isinstance(value, np.ndarray):
-        return value.dtype, value.ndim, value.flags.num & 0x501
+        return value.dtype, value.ndim, value.flags.num & _FLAGS
     return type(value)
 
 
