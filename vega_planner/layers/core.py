@@ -386,12 +386,20 @@ def one_side(points: Floats, faces: Ints, inward: Floats, reach: float) -> Ints:
     areas = np.linalg.norm(cross, axis=1)
     numbers = np.unique(piece, return_inverse=True)[1]
     order = np.argsort(-np.bincount(numbers, areas), kind="stable")
+    low, high, middle = corners.min(1) - reach, corners.max(1) + reach, corners.mean(1)
+    along = np.argsort(low[:, 0], kind="stable")
+    starts, widest = low[along, 0], float((high - low)[:, 0].max(initial=0.0))
     taken = np.zeros(len(faces), bool)
     for label in order:
         mine = np.flatnonzero(numbers == label)
-        if taken.any():
-            chosen = np.flatnonzero(taken)
-            near = DistanceField(points, faces[chosen]).nearest(corners[mine].mean(1))
+        first, last = middle[mine].min(0), middle[mine].max(0)
+        begin = int(np.searchsorted(starts, first[0] - widest))
+        end = int(np.searchsorted(starts, last[0], side="right"))
+        chosen = np.sort(along[begin:end])
+        chosen = chosen[taken[chosen]]
+        chosen = chosen[(low[chosen] <= last).all(1) & (high[chosen] >= first).all(1)]
+        if len(chosen):  # what is farther away than `reach` does not matter
+            near = DistanceField(points, faces[chosen]).nearest(middle[mine])
             facing = (face_inward[chosen[near.faces]] * face_inward[mine]).sum(1)
             mine = mine[~((near.distances < reach) & (facing < -0.3))]
         taken[mine] = True

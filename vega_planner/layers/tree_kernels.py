@@ -200,6 +200,8 @@ def first_hit(tri, box, px, py, pz, qx, qy, qz, stack):
     while top > 0:
         top -= 1
         i = stack[top]
+        if box[i, 0] > box[i, 3]:
+            continue  # nothing is in there: a node beyond the last triangle
         a = (box[i, 0] - 1e-9 - px) * ix
         b = (box[i, 3] + 1e-9 - px) * ix
         near, far = min(a, b), max(a, b)
