@@ -18,6 +18,7 @@ from vega_planner.datatypes import Floats, Ints, Part, TriangleGeometry
 from vega_planner.errors import BadMesh, InvalidInput
 from vega_planner.part.surface_kernels import components
 from vega_planner.printability.line_of_sight import Occluder
+from vega_planner.substrate.skirts import rim_edges, skirts
 
 #: A base is flat where this share of the part's outline touches the plane z = 0.
 FLAT_SHARE = 0.15
@@ -160,27 +161,23 @@ def make_substrate(
             vert_properties=np.ascontiguousarray(grown), tri_verts=part.faces.astype(np.uint64)
         )
     )
-    skirts = _skirts(part.vertices, side, 2.0 * wide + 5.0, high) - shadow
-    solid = (block + foot + base) - body - above - skirts
+    over_rim = skirts(part.vertices, side, 2.0 * wide + 5.0, high) - shadow
+    solid = (block + foot + base) - body - above - over_rim
     if solid.status() != manifold3d.Error.NoError or solid.is_empty():
         raise BadMesh(f"substrate of '{part.name}': the boolean failed ({solid.status()})")
-    pieces = [piece for piece in solid.decompose() if piece.volume() > 1e-3]
-    mesh = max(pieces, key=lambda piece: piece.volume()).to_mesh64()
-    return Substrate(
-        np.asarray(mesh.vert_properties)[:, :3],
-        np.asarray(mesh.tri_verts).astype(np.int64),
-        top,
-        floor_mm,
-    )
+    return Substrate(*_largest_piece(solid.to_mesh64()), top, floor_mm)
 
 
-def _rim(faces: Ints) -> Ints:
-    """Directed edges that have a face on one side only, shape (k, 2)."""
-    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    count = int(faces.max()) + 1
-    key = edges[:, 0] * count + edges[:, 1]
-    back = edges[:, 1] * count + edges[:, 0]
-    return edges[~np.isin(key, back)]
+def _largest_piece(mesh: Any) -> tuple[Floats, Ints]:
+    """The vertices and faces of the connected piece with the largest volume."""
+    vertices = np.asarray(mesh.vert_properties)[:, :3]
+    faces = np.asarray(mesh.tri_verts).astype(np.int64)
+    piece = np.empty(len(faces), np.int64)
+    count = components(len(vertices), faces, piece)
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    volume = np.bincount(piece, np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0, count)
+    used, new = np.unique(faces[piece == np.argmax(volume)], return_inverse=True)
+    return vertices[used], new.reshape(-1, 3)
 
 
 def _extruded(vertices: Floats, faces: Ints, bottom: float | None, top: float) -> Any:
@@ -202,7 +199,7 @@ def _extruded(vertices: Floats, faces: Ints, bottom: float | None, top: float) -
     high = low.copy()
     high[:, 2] = top
     count = len(used)
-    a, b = _rim(sheet).T
+    a, b = rim_edges(sheet).T
     sides = np.concatenate(
         [np.column_stack([b, a, a + count]), np.column_stack([b, a + count, b + count])]
     )
@@ -212,33 +209,6 @@ def _extruded(vertices: Floats, faces: Ints, bottom: float | None, top: float) -
             vert_properties=np.concatenate([low, high]), tri_verts=mesh.astype(np.uint64)
         )
     )
-
-
-def _skirts(vertices: Floats, faces: Ints, width: float, top: float) -> Any:
-    """What lies above and outside of a sheet's rim: a wall must not rise over it."""
-    import manifold3d
-
-    rim = _rim(faces)
-    along = vertices[rim[:, 1], :2] - vertices[rim[:, 0], :2]
-    # the sheet faces down: seen from above it runs clockwise, and outside is to the left
-    out = np.column_stack([-along[:, 1], along[:, 0]])
-    normal = np.zeros((len(vertices), 2))
-    for end in (0, 1):
-        np.add.at(normal, rim[:, end], out)
-    length = np.linalg.norm(normal, axis=1, keepdims=True)
-    normal = np.divide(normal, length, out=np.zeros_like(normal), where=length > 1e-12)
-    pieces = []
-    for a, b in rim:
-        corners = []
-        for v in (a, b):
-            x, y, z = vertices[v]
-            for far in (0.0, width):
-                corners.append((x + far * normal[v, 0], y + far * normal[v, 1], z))
-                corners.append((x + far * normal[v, 0], y + far * normal[v, 1], top))
-        piece = manifold3d.Manifold.hull_points(np.array(corners))
-        if not piece.is_empty():
-            pieces.append(piece)
-    return manifold3d.Manifold.batch_boolean(pieces, manifold3d.OpType.Add)
 
 
 def _outline_below(part: Part, top: float) -> Floats:
