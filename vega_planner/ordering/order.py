@@ -21,7 +21,7 @@ from vega_planner.datatypes import (
 from vega_planner.ordering.graph import break_cycles, sequence
 from vega_planner.ordering.proof import Proven, bad_area, proven_order
 from vega_planner.ordering.task import BLOCK_SHARE, SUPPORT_SHARE, Graph, OrderTask
-from vega_planner.ordering.untangle import untangled
+from vega_planner.ordering.untangle import FINEST_WIDTHS, in_bands, untangled
 from vega_planner.printability.assessment import (
     Assessment,
     stage_height,
@@ -37,6 +37,10 @@ if TYPE_CHECKING:
 #: Share of the area that may collide or float in the natural order before another one is
 #: looked for.
 ACCEPTED_SHARE = 2e-3
+
+#: Share of the area that may collide or float before patches that wait for each other are
+#: cut as finely as can be.
+TOO_MUCH = 0.03
 
 
 @dataclass(frozen=True)
@@ -137,19 +141,27 @@ def order_patches(
     task = OrderTask(stack, cell, settings, surroundings, tool, assessment)
     graph = task.graph(patches)
     report(Progress("ordering", 0.2))
-    found = None
+    found, natural = None, None
     if assessment is not None:
-        order = _with_cores_held(_natural_order(patches, assessment), graph, assessment)
-        found = proven_order(task, graph, order, report)
-    if cut or found is None or found.cost > ACCEPTED_SHARE * sum(p.area for p in patches):
+        natural = graph, _with_cores_held(_natural_order(patches, assessment), graph, assessment)
+        found = proven_order(task, *natural, report, ACCEPTED_SHARE * _area(graph))
+    if cut or found is None:
         graph = task.with_blocking(graph)
+        uncut = graph
         if settings.orientation == "collision-free" and graph.tangles():
             # layers that are printable as they are stay whole: what is left is resolved
             # pass by pass when the paths are laid
             cut = cut or _base_report(assessment).status != "fully"
             graph = untangled(task, graph, report, cut)
-        before, _ = break_cycles(graph.hard, graph.soft)
-        other = proven_order(task, graph, sequence(before, _keys(graph.patches, stack)), report)
+        other = None
+        if len(graph.patches) > len(uncut.patches):
+            other = _proven_graph(task, graph, report, TOO_MUCH * _area(graph))
+            if other is None:
+                graph = in_bands(task, uncut, FINEST_WIDTHS) or graph
+        other = other or _proven_graph(task, graph, report)
+        assert other is not None
+        if found is None and natural is not None:
+            found = proven_order(task, *natural, report, other.cost)
         if found is None or other.cost < found.cost:
             found = other
     base = _base_report(assessment)
@@ -163,6 +175,20 @@ def order_patches(
         found.floating,
         _with_sequence(base, found),
     )
+
+
+def _area(graph: Graph) -> float:
+    """Area of all patches [mm²]."""
+    return sum(patch.area for patch in graph.patches)
+
+
+def _proven_graph(
+    task: OrderTask, graph: Graph, report: Report, most_mm2: float = np.inf
+) -> Proven | None:
+    """Order patches by what they wait for and the paper's rule, and prove it."""
+    before, _ = break_cycles(graph.hard, graph.soft)
+    order = sequence(before, _keys(graph.patches, task.stack))
+    return proven_order(task, graph, order, report, most_mm2)
 
 
 def _natural_order(patches: Sequence[Patch], assessment: Assessment) -> list[int]:

@@ -13,13 +13,18 @@ from vega_planner.ordering.samples import Samples
 from vega_planner.ordering.task import SUPPORT_SHARE, Graph, OrderTask
 from vega_planner.parallel import map_threads
 from vega_planner.printability.assessment import OWN_LAYER_MM, plate_tilt_limit, printed_before
-from vega_planner.printability.material import Material
+from vega_planner.printability.material import EMPTY, Material
 from vega_planner.printability.orientation import raise_until_clear, smoothed, tilt_of
 from vega_planner.printability.tool_shape import ToolShape
 from vega_planner.progress import Progress, Report
 
 #: Share of a patch without anything under it that is told.
 FLOATING_SHARE = 0.05
+
+#: Moments at most at which what is there is looked at while an order is proven. Of many
+#: small pieces some that follow each other share one: of those, each is held against the
+#: others like against its own layer only, and the check of every waypoint does the rest.
+MOST_STAGES = 300
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,16 +44,40 @@ class Proven:
         return float(self.colliding.sum() + self.floating.sum())
 
 
-def proven_order(task: OrderTask, graph: Graph, order: list[int], report: Report) -> Proven:
-    """Check every patch against what is there when it is printed; raise where needed."""
+def proven_order(
+    task: OrderTask, graph: Graph, order: list[int], report: Report, most_mm2: float = np.inf
+) -> Proven | None:
+    """Check every patch against what is there when it is printed; raise where needed.
+
+    Args:
+        task: What stays the same while orders are tried.
+        graph: The patches.
+        order: Their numbers in print order.
+        report: Receives progress; may raise `Cancelled`.
+        most_mm2: Area that may collide or float; an order of more is given up.
+
+    Returns:
+        The outcome; None where the order was given up.
+    """
     count = len(order)
+    rank = np.empty(count, np.int64)
+    rank[order] = np.arange(count)
+    floating = _floating(graph.samples, graph.support, rank, count)
+    cost = float(floating.sum())
+    if cost > most_mm2:
+        return None
     patches = [graph.patches[node] for node in order]
-    stages = []
+    # what is there before and after each patch; small pieces share that with their neighbours
+    group = -(-count // MOST_STAGES)
+    begins = [at - at % group for at in range(count)]
+    ends = [min(begin + group, count) for begin in begins]
+    stages = {}
     chosen = np.zeros(count, np.bool_)
-    for node in order:
-        stages.append(chosen.copy())
+    for at, node in enumerate(order):
+        if at % group == 0:
+            stages[at] = chosen.copy()
         chosen[node] = True
-    stages.append(chosen)
+    stages[count] = chosen
     material = graph.material
     judged = task.assessment
     same = judged is not None and material is judged.material
@@ -59,23 +88,26 @@ def proven_order(task: OrderTask, graph: Graph, order: list[int], report: Report
             # the patches are the sheets: where one was judged against just what is there,
             # that outcome is taken
             side = judged.sheets[order[at]].outside
-            if np.array_equal(stages[at], printed_before(task.stack, order[at])) and (
+            before = stages[begins[at]]
+            if np.array_equal(before, printed_before(task.stack, order[at])) and (
                 np.array_equal(patch.tool_axes, side.axes)
             ):
                 return patch, ~side.clear
-        return _cleared(task, patch, material, stages[at], stages[at + 1])
+        return _cleared(task, patch, material, stages[begins[at]], stages[ends[at]])
 
     done: list[tuple[Patch, Bools]] = []
-    for first in range(0, count, 8):
-        last = min(first + 8, count)
+    for first in range(0, count, 8 * group):
+        last = min(first + 8 * group, count)
+        steps = [at for at in range(first, last, group) if at > 0]
         if not same:
-            material.prepare(stages[max(first, 1) : last + 1])
+            material.prepare([stages[at] for at in (*steps, last)])
         done += map_threads(check, range(first, last))
+        cost += sum(bad_area(patch, hit) for patch, hit in done[first:last])
         if not same:
-            material.forget(stages[max(first, 1) : last])
+            material.forget([stages[at] for at in steps])
         report(Progress("ordering", 0.4 + 0.6 * last / count))
-    rank = np.empty(count, np.int64)
-    rank[order] = np.arange(count)
+        if cost > most_mm2:
+            return None
     moved = np.ix_(order, order)
     bad = tuple(hit for _, hit in done)
     return Proven(
@@ -84,7 +116,7 @@ def proven_order(task: OrderTask, graph: Graph, order: list[int], report: Report
         blocks=graph.blocked[moved],
         bad=bad,
         colliding=np.array([bad_area(patch, hit) for patch, hit in done]),
-        floating=_floating(graph.samples, graph.support, rank, count),
+        floating=floating,
     )
 
 
@@ -107,8 +139,12 @@ def _cleared(
 
     def clearance(index: Ints, tips: Floats, axes: Floats) -> Floats:
         gap = np.full(len(tips), np.inf)
+        todo = np.arange(len(tips))
         for field, shape in fields:
-            gap = np.minimum(gap, field.clearance(shape, tips, axes, wanted, wanted))
+            if field is not EMPTY and len(todo):
+                there = field.clearance(shape, tips[todo], axes[todo], wanted, wanted)
+                gap[todo] = np.minimum(gap[todo], there)
+                todo = todo[there >= wanted]
         return gap
 
     gap = clearance(np.arange(len(patch.vertices)), patch.vertices, patch.tool_axes)

@@ -13,8 +13,8 @@ from vega_planner.datatypes import Floats, Ints, Patch
 #: Area one sample stands for [mm²], and the most samples taken of all patches together.
 AREA_MM2, MOST = 6.0, 6000
 
-#: Samples every patch gets at least, where it has so many faces.
-LEAST = 24
+#: Samples every patch gets at least, where it has so many faces: of few patches, of many.
+LEAST, FEWEST = 24, 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,11 +47,12 @@ def sample_patches(patches: Sequence[Patch], most: int = MOST) -> Samples:
     """
     total = sum(patch.area for patch in patches)
     each = max(AREA_MM2, total / most)
+    least = int(np.clip(2 * most / len(patches), FEWEST, LEAST))
     parts = []
     for number, patch in enumerate(patches):
         area = patch.face_areas
         running = np.cumsum(area)
-        count = int(np.clip(np.ceil(running[-1] / each), min(LEAST, len(area)), None))
+        count = int(np.clip(np.ceil(running[-1] / each), min(least, len(area)), None))
         at = (np.arange(count) + 0.5) * running[-1] / count
         chosen = np.minimum(np.searchsorted(running, at), len(area) - 1)
         corners = patch.faces[chosen]

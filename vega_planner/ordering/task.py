@@ -13,7 +13,7 @@ from vega_planner.datatypes import Bools, Floats, Layer, LayerStack, Patch
 from vega_planner.ordering.dependencies import Support, find_blocking, find_support
 from vega_planner.ordering.graph import cycles
 from vega_planner.ordering.samples import Samples, sample_patches
-from vega_planner.printability.assessment import Assessment, stage_height
+from vega_planner.printability.assessment import WIDTH_RATIO, Assessment, stage_height
 from vega_planner.printability.material import DistanceField, Material
 from vega_planner.printability.tool_shape import ToolShape
 from vega_planner.settings import PrintabilitySettings
@@ -66,6 +66,13 @@ class OrderTask:
     surroundings: DistanceField
     tool: ToolShape
     assessment: Assessment | None
+
+    @property
+    def bead_width_mm(self) -> float:
+        """Width of the beads; the paper's proportion to the thickness where none is known."""
+        if self.assessment is not None and self.assessment.width_mm is not None:
+            return self.assessment.width_mm
+        return WIDTH_RATIO * self.stack.thickness_mm
 
     def graph(self, patches: Sequence[Patch]) -> Graph:
         """Find what the patches lie on; blocking is left open."""

@@ -37,6 +37,7 @@ from vega_planner.printability.sides import (
     Side,
     face_labels,
     with_hope,
+    with_hope_inside,
     without_noise,
 )
 from vega_planner.printability.tool_shape import ToolShape
@@ -208,6 +209,8 @@ def assess_printability(
             )
             label = face_labels(layer, side_out, inner, held)
         side_out, label = with_hope(layer, side_out, label, flat)
+        if inner is not None and cell.substrate is not None:
+            inner, label = with_hope_inside(layer, inner, label)
         label = without_noise(layer, label)
         laid[material.first[number] : material.first[number + 1]] = label == INSIDE
         judged.append(SheetAssessment(side_out, inner, label))

@@ -92,6 +92,23 @@ def with_hope(layer: Layer, outside: Side, label: Ints, flat: bool) -> tuple[Sid
     return replace(outside, code=code), np.where(more, OUTSIDE, label)
 
 
+def with_hope_inside(layer: Layer, inside: Side, label: Ints) -> tuple[Side, Ints]:
+    """Print from inside what is hopeful there, where there is no way from outside at all.
+
+    Deep in a bowl the walls that are there when whole layers follow each other stand in
+    the way; they need not be there yet where all is printed from the bottom up.
+    """
+    wanted = label == NEITHER
+    if not wanted.any() or not inside.hopeful.any():
+        return inside, label
+    good = inside.printable | inside.hopeful
+    more = wanted & (good[layer.faces].sum(1) >= 2)
+    used = np.zeros(len(good), np.bool_)
+    used[layer.faces[more].ravel()] = True
+    code = np.where(used & inside.hopeful, 0, inside.code)
+    return replace(inside, code=code), np.where(more, INSIDE, label)
+
+
 def without_noise(layer: Layer, label: Ints) -> Ints:
     """Give regions too small for a few beads the side of what surrounds them."""
     if (label == label[0]).all():

@@ -78,5 +78,7 @@ def _pieces(patch: Patch) -> list[Patch]:
 def _compact(
     layer: int, vertices: np.ndarray, faces: np.ndarray, thickness: np.ndarray, axes: np.ndarray
 ) -> Patch:
-    used, new = np.unique(faces, return_inverse=True)
-    return Patch(layer, vertices[used], new.reshape(-1, 3), thickness[used], axes[used])
+    used = np.zeros(len(vertices), np.bool_)
+    used[faces.ravel()] = True
+    new = np.cumsum(used) - 1
+    return Patch(layer, vertices[used], new[faces], thickness[used], axes[used])
