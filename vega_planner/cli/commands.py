@@ -140,8 +140,10 @@ def substrate(options: argparse.Namespace) -> int:
     from vega_planner.part import load_part
     from vega_planner.results.substrate_file import write_substrate
 
-    part = load_part(options.part, read_settings(options).part)
-    path = write_substrate(part, options.output, clearance_mm=options.clearance)
+    settings = read_settings(options)
+    with progress_bar(options.quiet) as report:
+        part = load_part(options.part, settings.part)
+        path = write_substrate(part, options.output, options.clearance, settings, report)
     if not options.quiet:
         print(path)
     return 0

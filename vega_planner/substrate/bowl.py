@@ -27,7 +27,7 @@ FLAT_SHARE = 0.15
 FLAT_MM, FLAT_COSINE = 0.05, 0.98
 
 #: Pieces of the lower side are carried where they come this near to the plate [mm] and
-#: hold this share of it.
+#: hold this share of all that do.
 NEAR_PLATE_MM, LEAST_SHARE = 1.0, 0.02
 
 
@@ -83,7 +83,9 @@ def lower_side(part: Part) -> Ints:
     low = np.full(count, np.inf)
     np.minimum.at(low, piece, part.vertices[part.faces[down]][:, :, 2].min(1))
     area = np.bincount(piece, part.face_areas[down], count)
-    kept = down[(low <= NEAR_PLATE_MM)[piece] & (area > LEAST_SHARE * area.sum())[piece]]
+    near = low <= NEAR_PLATE_MM
+    near &= area > LEAST_SHARE * area[near].sum()
+    kept = down[near[piece]]
     if not len(kept):
         raise BadMesh(f"part '{part.name}' has no lower side a substrate could carry")
     return kept
