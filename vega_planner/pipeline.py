@@ -45,6 +45,9 @@ _ENDS = {
     "checks": 1.0,
 }
 
+#: Share of colliding waypoints beyond which layers cut into bands are tried first.
+MANY = 0.04
+
 #: Code that is loaded while the layers are computed.
 _LATER = (
     "ordering",
@@ -141,16 +144,21 @@ def plan(
     with stages.enter("toolpaths") as tell:
         toolpaths = lay_toolpaths(order.patches, stack, cell, settings.toolpaths, tell)
     with stages.enter("clearance") as tell:
-        toolpaths, check = resolve_collisions(toolpaths, stack, cell, settings.printability, tell)
-        if too_much_left_out(check) and order.report.status == "fully":
+        policy, whole = settings.printability, len(order.patches) == len(patches)
+        whole &= policy.orientation == "collision-free" or order.report.status == "fully"
+        paths, check = resolve_collisions(
+            toolpaths, stack, cell, policy, tell, give_up_share=MANY if whole else 1.0
+        )
+        if whole and too_much_left_out(check, order.report):
             # what does not go with whole layers may go with layers cut into bands
-            pieces = order_patches(
-                patches, stack, cell, settings.printability, tell, assessment, cut=True
-            )
-            paths = lay_toolpaths(pieces.patches, stack, cell, settings.toolpaths, tell)
-            paths, other = resolve_collisions(paths, stack, cell, settings.printability, tell)
-            if (other.colliding, other.left_out_ratio) < (check.colliding, check.left_out_ratio):
-                order, toolpaths, check = pieces, paths, other
+            pieces = order_patches(patches, stack, cell, policy, tell, assessment, cut=True)
+            other = lay_toolpaths(pieces.patches, stack, cell, settings.toolpaths, tell)
+            other, found = resolve_collisions(other, stack, cell, policy, tell)
+            if check.colliding and too_much_left_out(found, pieces.report):
+                paths, check = resolve_collisions(toolpaths, stack, cell, policy, tell)
+            if (found.colliding, found.left_out_ratio) < (check.colliding, check.left_out_ratio):
+                order, paths, check = pieces, other, found
+        toolpaths = paths
         if settings.toolpaths.prime_mm > 0:
             toolpaths = with_prime_line(
                 toolpaths,

@@ -2,14 +2,17 @@
 """A substrate that stands in the way gives way to a lower one; one that does not stays."""
 
 import numpy as np
+import pytest
 import trimesh
 
 from vega_planner.printability import assess_printability
 from vega_planner.printability.lower_substrate import with_lower_substrate
 from vega_planner.progress import silent
+from vega_planner.results import substrate_file
+from vega_planner.results.substrate_file import planned_substrate, write_substrate
 from vega_planner.robot.workcell import place
-from vega_planner.settings import PrintabilitySettings
-from vega_planner.substrate import Substrate, stand_on_substrate
+from vega_planner.settings import PrintabilitySettings, Settings
+from vega_planner.substrate import Substrate, make_substrate, stand_on_substrate
 
 from .envelopes import default_cell, ellipsoid
 
@@ -37,3 +40,14 @@ def test_a_substrate_that_is_not_in_the_way_stays():
     judged = assess_printability(stack, cell, SETTINGS, silent, 1.2)
     same, answer = with_lower_substrate(stack, cell, SETTINGS, judged, silent, 1.2)
     assert same is cell and answer is judged
+
+
+def test_the_file_is_the_substrate_the_planner_chooses(tmp_path, monkeypatch):
+    stack = ellipsoid(fine=3)
+    usual = make_substrate(stack.part)
+    lower = make_substrate(stack.part, height_mm=0.4 * usual.height_mm)
+    planned = planned_substrate(stack.part, Settings())
+    assert np.array_equal(planned.vertices, usual.vertices)
+    monkeypatch.setattr(substrate_file, "planned_substrate", lambda *_: lower)
+    path = write_substrate(stack.part, tmp_path / "low.stl")
+    assert trimesh.load(path).bounds[1, 2] == pytest.approx(lower.vertices[:, 2].max(), abs=1e-4)

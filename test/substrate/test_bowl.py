@@ -13,6 +13,8 @@ from vega_planner.errors import InvalidInput
 from vega_planner.robot.workcell import load_cell
 from vega_planner.settings import CellSettings
 from vega_planner.substrate import make_substrate, stand_on_substrate, stands_flat
+from vega_planner.substrate.bowl import lower_side
+from vega_planner.substrate.skirts import _straightened
 
 
 def egg() -> Part:
@@ -99,3 +101,21 @@ def test_only_parts_without_a_flat_base_get_one():
     assert lifted.placement.T_base_part[2, 3] - cell.placement.T_base_part[2, 3] == (
         pytest.approx(0.002)
     )
+
+
+def test_a_funnel_is_carried_by_its_small_foot():
+    ring = np.array([[3, 0], [3, 12], [18, 28], [16, 28], [1.5, 13], [1.5, 0], [3, 0]], float)
+    shape = trimesh.creation.revolve(ring, sections=48)
+    shape.fix_normals()
+    free = np.zeros(len(shape.faces), bool)
+    part = Part("funnel", np.array(shape.vertices), np.array(shape.faces), free)
+    side = lower_side(part)
+    assert part.vertices[part.faces[side]][:, :, 2].max() < 1e-9
+    low = make_substrate(part)
+    assert low.height_mm < 1.0
+
+
+def test_a_rim_that_is_nearly_straight_takes_few_pieces():
+    corners = np.array([[0, 0, 0], [0.5, 0.01, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], float)
+    edges = _straightened(corners, np.array([[0, 1], [1, 2], [2, 3], [3, 4], [4, 0]]))
+    assert edges.tolist() == [[0, 2], [2, 3], [3, 4], [4, 0]]

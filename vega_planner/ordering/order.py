@@ -121,7 +121,7 @@ def order_patches(
         report: Receives progress; may raise `Cancelled`.
         assessment: The judgement the patches come from; its report is carried on.
         cut: Whether to cut patches that wait for each other into bands of height even where
-            all layers are printable as they are.
+            all layers are printable as they are, or in an order that seems to be better.
 
     Returns:
         The patches in print order with the proof.
@@ -142,10 +142,10 @@ def order_patches(
     graph = task.graph(patches)
     report(Progress("ordering", 0.2))
     found, natural = None, None
-    if assessment is not None:
+    if assessment is not None and not cut:
         natural = graph, _with_cores_held(_natural_order(patches, assessment), graph, assessment)
         found = proven_order(task, *natural, report, ACCEPTED_SHARE * _area(graph))
-    if cut or found is None:
+    if found is None:
         graph = task.with_blocking(graph)
         uncut = graph
         if settings.orientation == "collision-free" and graph.tangles():

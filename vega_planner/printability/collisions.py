@@ -116,9 +116,14 @@ def _status(report: PrintabilityReport, left_out: float) -> str:
     return "conditionally" if lost <= LITTLE else "not"
 
 
-def too_much_left_out(check: CollisionCheck) -> bool:
-    """Tell whether more than next to nothing collides or had to be left out."""
-    return check.colliding > 0 or check.left_out_ratio > NEXT_TO_NOTHING
+def too_much_left_out(check: CollisionCheck, report: PrintabilityReport) -> bool:
+    """Tell whether more collides or had to be left out than the part can do without.
+
+    That is next to nothing for one whose layers are printable as they are, and a little
+    for one that is printable with conditions already.
+    """
+    most = NEXT_TO_NOTHING if report.status == "fully" else LITTLE
+    return check.colliding > 0 or check.left_out_ratio > most
 
 
 def with_check(report: PrintabilityReport, check: CollisionCheck) -> PrintabilityReport:
