@@ -116,8 +116,8 @@ class MusashiLine:
             for left in reversed(range(tries)):
                 try:
                     return self._once(command.encode(), parsed)
-                except (LinkTimeout, self._errors) as error:
-                    with contextlib.suppress(self._errors):
+                except (LinkTimeout, *self._errors) as error:
+                    with contextlib.suppress(*self._errors):
                         self._serial.write(EOT)
                     if not left:
                         raise LinkTimeout(f"dispenser on {self._port}: {error}") from error
