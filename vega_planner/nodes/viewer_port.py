@@ -47,6 +47,8 @@ class RosJob:
     def plan(self, mesh: Path, settings: Settings, folder: Path, report: Report) -> Path:
         """Plan a mesh into a result folder through action `plan_layers`.
 
+        A stop that comes when the result is written comes too late: the plan is kept.
+
         Raises:
             VegaError: What the planner raised; `Cancelled` if `report` did.
         """

@@ -59,9 +59,12 @@ class MusashiLine:
     """
 
     def __init__(self, port: str, baud: int, timeout_s: float) -> None:
+        import termios
+
         import serial
 
-        self._port, self._errors = port, serial.SerialException
+        # Of a line that hangs up, pyserial passes on what the terminal says.
+        self._port, self._errors = port, (serial.SerialException, termios.error)
         self._turn = threading.Lock()
         try:
             self._serial: Any = serial.Serial(
