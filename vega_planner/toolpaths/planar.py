@@ -80,7 +80,7 @@ def region(surface: Surface) -> Any:
     for ring in sorted(rings, key=lambda ring: -ring.area):
         if ring.area > 1e-6:
             shape = shape.symmetric_difference(ring.buffer(0))
-    return shape.simplify(_STRAIGHT)
+    return shape
 
 
 def parallel_lines(
@@ -151,13 +151,16 @@ def concentric_lines(
         surface: Connectivity of the patch.
         patch: A flat patch, normals along z.
         spacing: Distance between walls [mm].
-        inside: Keep the first wall inside the outline; else it is half a spacing from
-            it, so that its round side stands out as much as it lacks.
+        inside: Keep the first wall inside the outline, as the planar baseline does, whose
+            outlines have many points: those on straight lines are left out. Else it is
+            half a spacing from it, so that its round side stands out as much as it lacks.
 
     Returns:
         Lines by level, the outermost first.
     """
     shape = region(surface)
+    if inside:
+        shape = shape.simplify(_STRAIGHT)
     height = float(patch.vertices[:, 2].mean())
     thickness = float(patch.thickness.mean())
     lines: list[Line] = []
@@ -170,10 +173,11 @@ def concentric_lines(
         need = max(_TWO_WALLS * spacing, inset)
         wide = _offset(_offset(left, -need), need)
         # overlays of regions whose outlines nearly coincide cost most: only where they matter
-        inner = left if _covers(wide, left, _SAME, spacing) else wide.intersection(left)
+        same = inside and _covers(wide, left, _SAME, spacing)
+        inner = left if same else wide.intersection(left)
         walls = _offset(inner, -inset)
         strips = []
-        if not _covers(walls, left, inset + _THIN * spacing, spacing):
+        if not (same and _covers(walls, left, inset + _THIN * spacing, spacing)):
             covered = walls.buffer(inset + 1e-6)  # round, so that sharp corners cover no more
             strips = [_strip_line(strip, spacing) for strip in _polygons(left.difference(covered))]
         found = [strip for strip in strips if strip is not None]
