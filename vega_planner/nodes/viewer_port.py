@@ -224,6 +224,8 @@ class _DrivingNode:
 
     def trigger(self, name: str) -> None:
         done = threading.Event()
+        if not self._triggers[name].wait_for_service(ANSWER):
+            raise LinkTimeout(f"the driver offers no '{name}' after {ANSWER:g} s")
         future = self._triggers[name].call_async(Trigger.Request())
         future.add_done_callback(lambda _: done.set())
         if not done.wait(ANSWER):
