@@ -97,6 +97,16 @@ def test_parallel_lines_leave_no_hole_where_they_turn_at_the_rim(make, degrees, 
     assert distance.max() <= 0.56 * SPACING
 
 
+@pytest.mark.parametrize("angle", [0.0, 30.0])
+def test_parallel_lines_keep_their_distance_on_a_wavy_disc(make, angle):
+    patch = make.wavy_disc()
+    done = _lay(make, [patch], replace(PLAIN, pattern="zigzag", angle_deg=angle))
+    gaps, lengths = pass_gaps(done.passes, SPACING)
+    assert _weighted_quantile(gaps, lengths, 0.99) <= 1.02
+    assert gaps.max() <= 1.1
+    assert uncovered_area(patch, done.passes, 0.55 * SPACING, 0.15) <= 0.001 * patch.area
+
+
 def test_corners_of_a_rim_that_lines_cross_askew_are_filled(make):
     patch = make.wavy()
     done = _lay(make, [patch], replace(PLAIN, pattern="zigzag", angle_deg=45.0))
