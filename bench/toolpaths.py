@@ -72,6 +72,7 @@ def main() -> None:
     make = shapes()
     cases = {f"dome {d:g}": (make.dome(30.0, d),) for d in (45.0, 60.0, 70.0)}
     cases["wavy"] = (make.wavy(),)
+    cases["wavy disc"] = (make.wavy_disc(),)
     turn = np.linspace(0.0, 2 * np.pi, 200, endpoint=False)
     disc = 20.0 * np.column_stack([np.cos(turn), np.sin(turn)])
     cases["flat disc"] = (make.flat([disc]),)
@@ -81,15 +82,20 @@ def main() -> None:
     for name, patches in cases.items():
         stack, cell = make.stack(patches), make.cell()
         targets = name != "18 shells"
-        for pattern, spacing in (
-            ("contour", "geodesic"),
-            ("zigzag", "geodesic"),
-            ("spiral", "geodesic"),
-            ("contour", "euclidean"),
-            ("zigzag", "euclidean"),
+        for pattern, spacing, angle in (
+            ("contour", "geodesic", 0.0),
+            ("zigzag", "geodesic", 0.0),
+            *((("zigzag", "geodesic", turn) for turn in (30.0, 45.0, 90.0)) if targets else ()),
+            ("spiral", "geodesic", 0.0),
+            ("contour", "euclidean", 0.0),
+            ("zigzag", "euclidean", 0.0),
         ):
             settings = replace(
-                ToolpathSettings(), pattern=pattern, spacing=spacing, skin_overlap_ratio=0.0
+                ToolpathSettings(),
+                pattern=pattern,
+                spacing=spacing,
+                angle_deg=angle,
+                skin_overlap_ratio=0.0,
             )
             done = lay_toolpaths(patches, stack, cell, settings)
             row = quality(patches, done)
@@ -102,16 +108,17 @@ def main() -> None:
             for n, patch in enumerate(patches):
                 patch_passes(patch, n, False, settings, ground)
             row["one_thread_s"] = time.thread_time() - cpu
-            table[f"{name}, {pattern}, {spacing}"] = row
+            turned = f" {angle:g}" if angle else ""
+            table[f"{name}, {pattern}{turned}, {spacing}"] = row
             if targets and spacing == "geodesic":
                 wanted = (("gap_p99", 1.02), ("gap_max", 1.1), ("uncovered_pct", 0.5))
                 missed += [
-                    f"{name}, {pattern}: {key} {row[key]:.3f}, wanted {most:g}"
+                    f"{name}, {pattern}{turned}: {key} {row[key]:.3f}, wanted {most:g}"
                     for key, most in wanted
                     if row[key] > most
                 ]
             print(
-                f"{name:10s} {pattern:8s}{spacing:10s} gap p99 {row['gap_p99']:.3f}"
+                f"{name:10s} {pattern + turned:10s}{spacing:10s} gap p99 {row['gap_p99']:.3f}"
                 f" max {row['gap_max']:.3f} over 1.1 {100 * row['gap_over_1.1_ratio']:.2f} %"
                 f" bare {row['uncovered_pct']:.2f} % volume {row['volume_ratio']:.4f}"
                 f" passes {row['passes']:3d} travel {row['travel_pct']:.1f} %"

@@ -169,7 +169,9 @@ def plan(
             )
             primed = check_toolpaths(toolpaths, stack, cell, tell)
             check = replace(primed, left_out_ratio=check.left_out_ratio)
-    with stages.enter("trajectory") as tell:
+    laid, width = toolpaths, settings.toolpaths.width_mm
+    with ThreadPoolExecutor(1) as beside, stages.enter("trajectory") as tell:
+        filled = beside.submit(measure_coverage, order.patches, laid, stack, width)
         if toolpaths.passes:
             toolpaths, check, trajectory, body = clear_motion(
                 toolpaths, check, stack, cell, settings, tell
@@ -178,7 +180,9 @@ def plan(
             trajectory, body = no_motion(cell), BodyCheck()
     with stages.enter("checks"):
         proof = certificate(part, settings, cell, toolpaths, trajectory, check, body)
-        coverage = measure_coverage(order.patches, toolpaths, stack, settings.toolpaths.width_mm)
+        coverage = filled.result()
+        if toolpaths is not laid:
+            coverage = measure_coverage(order.patches, toolpaths, stack, width)
     return PrintPlan(
         settings=settings,
         part=part,

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 from vega_planner.errors import LinkTimeout, Refused
 from vega_robot_driver.dispenser.dialects import DIALECTS, Parameters
 from vega_robot_driver.dispenser.musashi import MusashiDispenser
-from vega_robot_driver.dispenser.musashi_line import frame, unframe
+from vega_robot_driver.dispenser.musashi_line import MusashiLine, frame, unframe
 from vega_robot_driver.emulators.musashi_device import MusashiDevice
 
 ON, OFF = np.ones(1, bool), np.zeros(1, bool)
@@ -220,3 +221,14 @@ def test_shots_need_writes_and_a_published_start(shooter):
 def test_an_unknown_family_is_refused_with_the_choices(shooter):
     with pytest.raises(Refused, match="has: super_sigma, ml_808gx"):
         MusashiDispenser(shooter.port, dialect="sigma")
+
+
+def test_a_line_that_hangs_up_is_a_dead_line():
+    """With its other end closed a terminal answers with errors of its own."""
+    here, there = os.openpty()
+    line = MusashiLine(os.ttyname(there), 38400, 0.05)
+    os.close(here)
+    with pytest.raises(LinkTimeout):
+        line.read("RS", lambda answer: answer)
+    line.close()
+    os.close(there)

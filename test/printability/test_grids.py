@@ -83,6 +83,29 @@ def test_each_layer_owns_its_own_shell():
     assert (wrong == 0).mean() > 0.7
 
 
+@settings(deadline=None, derandomize=True, max_examples=25)
+@given(st.integers(0, 10**6), st.floats(0.02, 1.0))
+def test_a_face_leaves_no_hole_in_the_voxels_it_passes(seed, width):
+    rng = np.random.default_rng(seed)
+    way = rng.normal(size=3)
+    side = np.cross(way, rng.normal(size=3))
+    tip = 12.0 + 3.0 * rng.normal(size=3)
+    base = tip + 20.0 * way / np.linalg.norm(way)
+    side *= 0.5 * width / np.linalg.norm(side)
+    corners = np.roll(np.array([tip, base - side, base + side]), rng.integers(3), axis=0)
+    label = np.full((48, 48, 48), -1, np.int32)
+    best = np.full(label.shape, 9.0, np.float32)
+    origin = np.full(3, -12.0)
+    kernels.stamp_faces(corners, np.array([[0, 1, 2]]), origin, 1.0, 7, label, best)
+    weights = rng.dirichlet(np.ones(3), 300)
+    at = np.rint(weights @ corners - origin).astype(int)
+    for i, j, k in at[((at > 0) & (at < 47)).all(1)]:
+        assert (label[i - 1 : i + 2, j - 1 : j + 2, k - 1 : k + 2] == 7).any()
+    stamped = np.argwhere(label == 7) + origin
+    foot = trimesh.triangles.closest_point(np.tile(corners, (len(stamped), 1, 1)), stamped)
+    assert np.linalg.norm(stamped - foot, axis=1).max(initial=0.0) <= 0.5 * np.sqrt(3) + 1e-6
+
+
 def test_field_beyond_its_grid_is_a_lower_bound_and_close():
     ball = trimesh.creation.icosphere(3, radius=5.0)
     field = mesh_field(_Mesh(ball), 0.4)

@@ -59,13 +59,20 @@ def test_a_plan_is_made_printed_paused_resumed_and_stopped(job, box, tmp_path):
     assert not job.progress().dispensing
 
 
-def test_a_plan_that_is_stopped_leaves_nothing(job, box, tmp_path):
+def test_a_plan_that_is_stopped_leaves_nothing(job, tmp_path):
+    """Of layers so thin that planning takes many seconds: the stop comes long before its end."""
+    import trimesh
+
+    block = tmp_path / "block.stl"
+    trimesh.creation.box((30.0, 30.0, 30.0)).export(block)
+    thin = {"layers": {"thickness_mm": 0.2}, "toolpaths": {"width_mm": 0.3}}
+
     def stop(progress):
         if progress.stage != "starting the planner":
             raise Cancelled("enough")
 
     with pytest.raises(Cancelled):
-        job.plan(box, Settings(), tmp_path / "plan", stop)
+        job.plan(block, Settings().updated(thin), tmp_path / "plan", stop)
     assert not (tmp_path / "plan").exists()
 
 

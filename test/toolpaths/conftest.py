@@ -114,6 +114,15 @@ def make():
 
         return _patch(*_sheet(height, triangles=triangles))
 
+    def wavy_disc(radius=22.0, amplitude=2.0, wave=22.0, triangles=20000):
+        vertices, faces = _dome(radius, 90.0, triangles)
+        across = np.hypot(vertices[:, 0], vertices[:, 1])
+        flat = radius * np.arctan2(across, vertices[:, 2]) / (0.5 * np.pi)
+        x, y = (vertices[:, :2] * (flat / np.maximum(across, 1e-9))[:, None]).T
+        k = 2 * np.pi / wave
+        height = 10 + amplitude * np.sin(k * x) * np.cos(k * y)
+        return _patch(np.column_stack([x, y, height]), faces)
+
     def nest(radius=20.0, count=6, triangles=3000):
         """Nested half spheres, the inner one first."""
         return tuple(
@@ -130,5 +139,12 @@ def make():
         return _patch(vertices, faces, layer)
 
     return SimpleNamespace(
-        dome=dome, wavy=wavy, nest=nest, flat=flat, stack=_stack, cell=_cell, mesh=_dome
+        dome=dome,
+        wavy=wavy,
+        wavy_disc=wavy_disc,
+        nest=nest,
+        flat=flat,
+        stack=_stack,
+        cell=_cell,
+        mesh=_dome,
     )

@@ -16,6 +16,7 @@ from vega_planner.toolpaths.coverage import (
     deposited_volume,
     measure_coverage,
     pass_gaps,
+    surface_samples,
     uncovered_area,
     volume_to_fill,
 )
@@ -69,6 +70,50 @@ def test_parallel_lines_and_their_rim_are_one_pass_on_a_dome(make):
     gaps, lengths = pass_gaps(done.passes, SPACING)
     assert _weighted_quantile(gaps, lengths, 0.99) <= 1.02
     assert gaps.max() <= 1.1
+
+
+@pytest.mark.parametrize(
+    ("degrees", "angle"), [(45.0, 0.0), (60.0, 0.0), (60.0, 30.0), (55.0, 45.0)]
+)
+def test_parallel_lines_leave_no_hole_where_they_turn_at_the_rim(make, degrees, angle):
+    """No circle wider than a gap may be fits between the passes inside the rim's loop."""
+    from scipy.spatial import cKDTree
+
+    patch = make.dome(30.0, degrees)
+    done = _lay(make, [patch], replace(PLAIN, pattern="zigzag", angle_deg=angle))
+    gaps, lengths = pass_gaps(done.passes, SPACING)
+    assert _weighted_quantile(gaps, lengths, 0.99) <= 1.02
+    assert gaps.max() <= 1.1
+    points, _ = surface_samples(patch, 0.25)
+    inside = points[points[:, 2] > patch.vertices[:, 2].min() + SPACING]
+    laid = np.concatenate(
+        [
+            (1 - w) * path.points[:-1] + w * path.points[1:]
+            for path in done.passes
+            for w in np.arange(10) / 10
+        ]
+    )
+    distance, _ = cKDTree(laid).query(inside)
+    assert distance.max() <= 0.56 * SPACING
+
+
+@pytest.mark.parametrize("angle", [0.0, 30.0])
+def test_parallel_lines_keep_their_distance_on_a_wavy_disc(make, angle):
+    patch = make.wavy_disc()
+    done = _lay(make, [patch], replace(PLAIN, pattern="zigzag", angle_deg=angle))
+    gaps, lengths = pass_gaps(done.passes, SPACING)
+    assert _weighted_quantile(gaps, lengths, 0.99) <= 1.02
+    assert gaps.max() <= 1.1
+    assert uncovered_area(patch, done.passes, 0.55 * SPACING, 0.15) <= 0.001 * patch.area
+
+
+def test_corners_of_a_rim_that_lines_cross_askew_are_filled(make):
+    patch = make.wavy()
+    done = _lay(make, [patch], replace(PLAIN, pattern="zigzag", angle_deg=45.0))
+    gaps, _ = pass_gaps(done.passes, SPACING)
+    assert gaps.max() <= 1.1
+    assert uncovered_area(patch, done.passes, 0.55 * SPACING, 0.15) <= 0.001 * patch.area
+    assert abs(deposited_volume(done.passes) / volume_to_fill(patch) - 1) < 0.01
 
 
 def test_a_gap_is_as_wide_as_what_no_pass_covers(make):

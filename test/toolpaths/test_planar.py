@@ -66,3 +66,28 @@ def test_parallel_lines_and_their_rim_cover_a_flat_patch_of_few_triangles(make):
     gaps, _ = pass_gaps(done.passes, spacing)
     assert gaps.max() <= 1.1
     assert uncovered_area(patch, done.passes, 0.55 * spacing, 0.15) <= 0.005 * patch.area
+
+
+def test_points_on_a_straight_outline_change_nothing(make):
+    corners = np.array(ELL, dtype=float)
+    after = np.roll(corners, -1, axis=0)
+    part = np.linspace(0.0, 1.0, 40, endpoint=False)[:, None]
+    fine = np.concatenate([a + part * (b - a) for a, b in zip(corners, after)])
+    (_, few), (_, many) = _lay(make, [ELL]), _lay(make, [fine])
+    assert len(few.passes) == len(many.passes)
+    assert abs(few.path_length_mm - many.path_length_mm) < 1e-4 * few.path_length_mm
+
+
+@pytest.mark.parametrize("neck", [0.9, 1.25])
+def test_a_neck_between_two_discs_gets_one_line(make, neck):
+    """Walls of both discs end where the neck is too narrow for two of them."""
+    angle = np.arcsin(0.5 * neck / 6.0)
+    turn = np.linspace(angle, 2 * np.pi - angle, 150)
+    disc = 6.0 * np.column_stack([np.cos(turn), np.sin(turn)])
+    outline = np.vstack([disc - [10.0, 0.0], -disc + [10.0, 0.0]])
+    patch, done = _lay(make, [outline])
+    points = np.concatenate([path.points for path in done.passes])
+    inside = np.abs(points[:, 0]) < 2.5
+    assert inside.any()
+    assert np.abs(points[inside, 1]).max() < 0.15
+    assert abs(deposited_volume(done.passes) / (0.8 * patch.area) - 1) < 0.02

@@ -40,10 +40,12 @@ def slice(options: argparse.Namespace) -> int:
 
 
 def _plan_into(options: argparse.Namespace, settings: Settings, out: str) -> int:
+    from vega_planner.memory import keep_freed_memory
     from vega_planner.pipeline import plan as make_plan
     from vega_planner.results.folder import check_output_folder
 
     check_output_folder(out)
+    keep_freed_memory()
     with progress_bar(options.quiet) as report:
         result = make_plan(options.part, settings, report)
         folder = result.write(out)

@@ -29,10 +29,10 @@ from vega_planner.progress import Progress, Report
 STARTUP = 30.0
 #: Time a node may take to answer a request [s].
 ANSWER = 20.0
-
-
-#: Times a goal is sent before a silent node is given up.
+#: Times something is sent before a silent node is given up.
 SENDINGS = 4
+
+_ACTIVE = State.PRIMARY_STATE_ACTIVE
 
 
 @dataclass
@@ -89,16 +89,22 @@ class Session:
             DriverError: If it does not come up.
         """
         self._until(self._state.service_is_ready, "node robot_driver")
-        for transition, done in (
-            (Transition.TRANSITION_CONFIGURE, State.PRIMARY_STATE_INACTIVE),
-            (Transition.TRANSITION_ACTIVATE, State.PRIMARY_STATE_ACTIVE),
+        for transition, reached in (
+            (Transition.TRANSITION_CONFIGURE, {State.PRIMARY_STATE_INACTIVE, _ACTIVE}),
+            (Transition.TRANSITION_ACTIVATE, {_ACTIVE}),
         ):
-            state = self._call(self._state, GetState.Request()).current_state.id
-            if state >= done:
-                continue
             request = ChangeState.Request(transition=Transition(id=transition))
-            if not self._call(self._change, request, STARTUP).success:
-                raise DriverError("the driver does not come up; see its log")
+            for _ in range(SENDINGS):
+                if self._driver_state() in reached:
+                    break
+                try:
+                    changed = self._call(self._change, request, STARTUP).success
+                except LinkTimeout:
+                    continue  # perhaps only the answer is lost: the state tells
+                if not changed:
+                    raise DriverError("the driver does not come up; see its log")
+            else:
+                raise LinkTimeout(f"the driver did not answer {SENDINGS} requests to come up")
 
     def wait_until_active(self) -> None:
         """Wait until somebody else has activated the driver.
@@ -107,13 +113,7 @@ class Session:
             LinkTimeout: If nobody does.
         """
         self._until(self._state.service_is_ready, "node robot_driver")
-        self._until(
-            lambda: (
-                self._call(self._state, GetState.Request()).current_state.id
-                == State.PRIMARY_STATE_ACTIVE
-            ),
-            "an active robot_driver",
-        )
+        self._until(lambda: self._driver_state() == _ACTIVE, "an active robot_driver")
 
     def plan(self, goal: PlanLayers.Goal, report: Report) -> PlanLayers.Result:
         """Plan.
@@ -188,6 +188,21 @@ class Session:
                 if status != GoalStatus.STATUS_UNKNOWN:
                     return handle  # it has ended already
         return self._wait(client.send_goal_async(goal, tell), ANSWER)
+
+    def _driver_state(self) -> int:
+        """Ask for the driver's state, again where no answer comes.
+
+        A driver that was killed stays known for a while, and what is sent before the next one
+        is found is lost.
+        """
+        for left in reversed(range(SENDINGS)):
+            try:
+                answer = self._call(self._state, GetState.Request(), ANSWER / SENDINGS)
+                return int(answer.current_state.id)
+            except LinkTimeout:
+                if not left:
+                    raise
+        raise AssertionError("unreachable")
 
     def _call(self, client: Any, request: Any, seconds: float = ANSWER) -> Any:
         return self._wait(client.call_async(request), seconds)

@@ -47,6 +47,8 @@ class RosJob:
     def plan(self, mesh: Path, settings: Settings, folder: Path, report: Report) -> Path:
         """Plan a mesh into a result folder through action `plan_layers`.
 
+        A stop that comes when the result is written comes too late: the plan is kept.
+
         Raises:
             VegaError: What the planner raised; `Cancelled` if `report` did.
         """
@@ -222,6 +224,8 @@ class _DrivingNode:
 
     def trigger(self, name: str) -> None:
         done = threading.Event()
+        if not self._triggers[name].wait_for_service(ANSWER):
+            raise LinkTimeout(f"the driver offers no '{name}' after {ANSWER:g} s")
         future = self._triggers[name].call_async(Trigger.Request())
         future.add_done_callback(lambda _: done.set())
         if not done.wait(ANSWER):

@@ -27,7 +27,7 @@ class _Jobs:
         self._stop = threading.Event()
         self._jobs: list[PlanRequest] = []
         self._arrived = threading.Condition()
-        self._last_report = 0.0
+        self._last_report, self._stage = 0.0, ""
 
     def listen(self) -> None:
         """Read what the node sends; end with it."""
@@ -50,7 +50,7 @@ class _Jobs:
                 self._arrived.wait_for(lambda: bool(self._jobs))
                 request = self._jobs.pop()
             self._stop.clear()
-            self._last_report = 0.0
+            self._last_report, self._stage = 0.0, ""
             try:
                 self._link.send(("done", _outcome(request, self._report)))
             except VegaError as error:
@@ -65,8 +65,9 @@ class _Jobs:
         if self._stop.is_set():
             raise Cancelled("planning was cancelled")
         now = time.monotonic()
-        if now - self._last_report >= REPORT_PERIOD or progress.fraction >= 1.0:
-            self._last_report = now
+        due = now - self._last_report >= REPORT_PERIOD or progress.fraction >= 1.0
+        if due or progress.stage != self._stage:
+            self._last_report, self._stage = now, progress.stage
             self._link.send(("progress", progress))
 
 

@@ -10,8 +10,10 @@ from their inner side.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -152,7 +154,12 @@ def assess_printability(
     sheets = stack.sheets
     tool = ToolShape.of(cell.tool)
     bulk = ToolShape.of(cell.tool, OWN_LAYER_MM)
-    material = Material(stack.part, sheets, stage_height(stack))
+    # the normals of all sheets, too, are needed next
+    makers: list[Callable[[], Any]] = [
+        partial(Material, stack.part, sheets, stage_height(stack)),
+        *(partial(getattr, sheet, "vertex_normals") for sheet in sheets),
+    ]
+    material: Material = map_threads(lambda make: make(), makers)[0]
     surroundings = EMPTY
     if cell.substrate is not None:
         surroundings = mesh_field(cell.substrate, stage_height(stack))

@@ -16,6 +16,9 @@ from vega_planner.compiled import kernel
 
 #: Consecutive beads in a block, and children of a node of the tree over the blocks.
 BLOCK, CHILDREN = 4, 8
+#: Consecutive poses that go down the tree together: at most so many, and no farther from the
+#: first than this in the tip [mm] and in the axis.
+_TOGETHER, _TIP, _AXIS = 8, 2.0, 0.1
 
 
 @kernel
@@ -164,6 +167,86 @@ def _block_gap(
 
 
 @kernel
+def _run_of(points, axes, counts, begin):
+    """Find the poses after one that are so near to it that they may be looked at together.
+
+    Returns:
+        The end of the run, how far its tips [mm] and axes are from the first, and the
+        largest of its counts.
+    """
+    tip, axis, latest = 0.0, 0.0, counts[begin]
+    end = begin + 1
+    while end < min(points.shape[0], begin + _TOGETHER):
+        moved, turned = 0.0, 0.0
+        for x in range(3):
+            moved += (points[end, x] - points[begin, x]) ** 2
+            turned += (axes[end, x] - axes[begin, x]) ** 2
+        if moved > _TIP * _TIP or turned > _AXIS * _AXIS:
+            break
+        tip = max(tip, math.sqrt(moved))
+        axis = max(axis, math.sqrt(turned))
+        latest = max(latest, counts[end])
+        end += 1
+    return end, tip, axis, latest
+
+
+@kernel
+def _gather(
+    point, direction, tip, axis, latest, balls, earliest, level, first, last, widest, step,
+    enough, near,
+):  # fmt: skip
+    """List the leaves that a tool may come nearer to than `enough` somewhere about a pose.
+
+    Seen from a pose whose tip is off by `tip` and whose axis by `axis`, a point at distance d
+    from the tip lies elsewhere, along and across the tool, by no more than tip + d * axis.
+
+    Returns:
+        Their number; `near` holds them.
+    """
+    px, py, pz = point[0], point[1], point[2]
+    ux, uy, uz = direction[0], direction[1], direction[2]
+    nodes = np.empty(CHILDREN * level.shape[0] + 1, np.int64)
+    heights = np.empty(nodes.shape[0], np.int64)
+    along, square, away = np.empty(CHILDREN), np.empty(CHILDREN), np.empty(CHILDREN)
+    found = 0
+    waiting = 1
+    nodes[0], heights[0] = 0, level.shape[0] - 1
+    while waiting > 0:
+        waiting -= 1
+        height = heights[waiting] - 1
+        node = nodes[waiting] * CHILDREN
+        row = level[height] + node
+        count = min(CHILDREN, level[height + 1] - row)
+        for c in range(count):  # apart from the decisions, so that several go at once
+            dx = balls[0, row + c] - px
+            dy = balls[1, row + c] - py
+            dz = balls[2, row + c] - pz
+            s = dx * ux + dy * uy + dz * uz
+            along[c] = s
+            square[c] = dx * dx + dy * dy + dz * dz - s * s
+            dx, dy, dz = abs(dx), abs(dy), abs(dz)
+            most = max(dx, max(dy, dz))
+            away[c] = most + 0.42 * (dx + dy + dz - most)  # no less than the distance
+        for c in range(count):
+            if earliest[row + c] >= latest:
+                continue
+            reach = balls[3, row + c] + enough + tip + away[c] * axis
+            s = along[c]
+            if s + reach < first or s - reach > last:
+                continue
+            most = widest[min(int((s + reach) / step) + 1, widest.shape[0] - 1)] + reach
+            if square[c] >= most * most:
+                continue
+            if height == 0:
+                near[found] = node + c
+                found += 1
+            else:
+                nodes[waiting], heights[waiting] = node + c, height
+                waiting += 1
+    return found
+
+
+@kernel
 def bead_clearance(
     points, axes, counts, beads, block, balls, earliest, level, at, radius, widest, step, enough,
     give_up, out,
@@ -177,7 +260,7 @@ def bead_clearance(
         counts: (n,) number of beads laid before each pose.
         beads: (k, 11) of `lay_beads`.
         block: (b,) blocks of `BLOCK` beads in the order of the tree's leaves.
-        balls: (m, 4) balls around the nodes of the tree, leaves first, level by level.
+        balls: (4, m) balls around the nodes of the tree, leaves first, level by level.
         earliest: (m,) first bead of each node.
         level: (l + 1,) where the nodes of each level begin, and their end.
         at, radius: (c,) corners of the tool's outline from where it begins to count [mm].
@@ -188,42 +271,40 @@ def bead_clearance(
         out: (n,) float64, written: clearance [mm], negative where the tool is in a bead.
     """
     first, last = at[0], at[at.shape[0] - 1]
-    top = level.shape[0] - 2
-    nodes = np.empty(CHILDREN * level.shape[0] + 1, np.int64)
-    heights = np.empty(nodes.shape[0], np.int64)
+    near = np.empty(block.shape[0], np.int64)
     hint = -1
-    for i in range(points.shape[0]):
-        px, py, pz = points[i, 0], points[i, 1], points[i, 2]
-        ux, uy, uz = axes[i, 0], axes[i, 1], axes[i, 2]
-        count = counts[i]
-        best = enough
-        if hint >= 0 and hint * BLOCK < count:
-            best = _block_gap(
-                beads, hint * BLOCK, min((hint + 1) * BLOCK, count), px, py, pz, ux, uy, uz,
-                at, radius, widest, step, best,
-            )  # fmt: skip
-        waiting = 1
-        nodes[0], heights[0] = 0, top
-        while waiting > 0 and best >= give_up:
-            waiting -= 1
-            node, height = nodes[waiting], heights[waiting]
-            row = level[height] + node
-            if earliest[row] >= count or not _may_touch(
-                balls[row], px, py, pz, ux, uy, uz, first, last, widest, step, max(best, 0.0)
-            ):
-                continue
-            if height > 0:
-                end = min((node + 1) * CHILDREN, level[height] - level[height - 1])
-                for child in range(node * CHILDREN, end):
-                    nodes[waiting], heights[waiting] = child, height - 1
-                    waiting += 1
-                continue
-            b = block[node]
-            gap = _block_gap(
-                beads, b * BLOCK, min((b + 1) * BLOCK, count), px, py, pz, ux, uy, uz,
-                at, radius, widest, step, best,
-            )  # fmt: skip
-            if gap < best:
-                best = gap
-                hint = b
-        out[i] = best
+    begin = 0
+    while begin < points.shape[0]:
+        end, tip, axis, latest = _run_of(points, axes, counts, begin)
+        found = _gather(
+            points[begin], axes[begin], tip, axis, latest, balls, earliest, level, first, last,
+            widest, step, max(enough, 0.0), near,
+        )  # fmt: skip
+        for i in range(begin, end):
+            px, py, pz = points[i, 0], points[i, 1], points[i, 2]
+            ux, uy, uz = axes[i, 0], axes[i, 1], axes[i, 2]
+            count = counts[i]
+            best = enough
+            if hint >= 0 and hint * BLOCK < count:
+                best = _block_gap(
+                    beads, hint * BLOCK, min((hint + 1) * BLOCK, count), px, py, pz, ux, uy, uz,
+                    at, radius, widest, step, best,
+                )  # fmt: skip
+            for k in range(found):
+                if best < give_up:
+                    break
+                b = block[near[k]]
+                if b * BLOCK >= count or not _may_touch(
+                    balls[:, near[k]], px, py, pz, ux, uy, uz, first, last, widest, step,
+                    max(best, 0.0),
+                ):  # fmt: skip
+                    continue
+                gap = _block_gap(
+                    beads, b * BLOCK, min((b + 1) * BLOCK, count), px, py, pz, ux, uy, uz,
+                    at, radius, widest, step, best,
+                )  # fmt: skip
+                if gap < best:
+                    best = gap
+                    hint = b
+            out[i] = best
+        begin = end

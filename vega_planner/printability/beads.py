@@ -112,7 +112,8 @@ def _tree(beads: Floats) -> tuple[Ints, Floats, Ints, Ints]:
         earliest.append(np.minimum.reduceat(earliest[-1], starts))
         balls.append(_balls(balls[-1], kernels.CHILDREN))
     level = np.cumsum([0, *(len(rows) for rows in balls)])
-    return block, np.concatenate(balls), np.concatenate(earliest), level
+    columns = np.ascontiguousarray(np.concatenate(balls).T)
+    return block, columns, np.concatenate(earliest), level
 
 
 def _balls(rows: Floats, size: int) -> Floats:

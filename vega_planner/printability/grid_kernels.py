@@ -259,16 +259,27 @@ def stamp_faces(vertices, faces, origin, spacing, first, label, best):
     for f in range(faces.shape[0]):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
         longest = 0.0
-        for p, q in ((a, b), (b, c), (c, a)):
+        shortest = np.inf
+        apex = 0
+        for k in range(3):
             d = 0.0
             for x in range(3):
-                d += (vertices[p, x] - vertices[q, x]) ** 2
+                d += (vertices[faces[f, (k + 1) % 3], x] - vertices[faces[f, (k + 2) % 3], x]) ** 2
             longest = max(longest, d)
+            if d < shortest:
+                shortest = d
+                apex = k
         parts = max(1, math.ceil(math.sqrt(longest) / (0.6 * spacing)))
+        across = max(1, math.ceil(math.sqrt(shortest) / (0.6 * spacing)))
+        # a needle is sampled along it, with as many samples across as it is wide there
+        needle = 3 * across < parts
+        if needle:
+            a, b, c = faces[f, apex], faces[f, (apex + 1) % 3], faces[f, (apex + 2) % 3]
         for i in range(parts + 1):
-            for j in range(parts + 1 - i):
+            columns = math.ceil((parts - i) * across / parts) if needle else parts - i
+            for j in range(columns + 1):
                 u = i / parts
-                v = j / parts
+                v = (1.0 - u) * j / max(columns, 1) if needle else j / parts
                 w = 1.0 - u - v
                 x = (u * vertices[a, 0] + v * vertices[b, 0] + w * vertices[c, 0] - origin[0]) / (
                     spacing

@@ -41,34 +41,28 @@ def build_tree(vertices, faces, order, boxes, first, number):
     stack[0, 2] = m
     depth = 1
     nodes = 1
+    low_of, high_of = np.empty(3), np.empty(3)
     while depth > 0:
         depth -= 1
         node = stack[depth, 0]
         low = stack[depth, 1]
         high = stack[depth, 2]
-        mlow = np.full(3, 1e300)
-        mhigh = np.full(3, -1e300)
-        for x in range(3):
-            boxes[node, x] = 1e300
-            boxes[node, 3 + x] = -1e300
-        for k in range(low, high):
-            f = order[k]
-            for x in range(3):
-                mlow[x] = min(mlow[x], middle[f, x])
-                mhigh[x] = max(mhigh[x], middle[f, x])
-                for e in range(3):
-                    v = vertices[faces[f, e], x]
-                    boxes[node, x] = min(boxes[node, x], v)
-                    boxes[node, 3 + x] = max(boxes[node, 3 + x], v)
-        axis = 0
-        for x in range(1, 3):
-            if mhigh[x] - mlow[x] > mhigh[axis] - mlow[axis]:
-                axis = x
         if high - low <= LEAF or depth >= 124:
             first[node] = low
             number[node] = high - low
             continue
-        cut = 0.5 * (mlow[axis] + mhigh[axis])
+        low_of[:] = 1e300
+        high_of[:] = -1e300
+        for k in range(low, high):
+            f = order[k]
+            for x in range(3):
+                low_of[x] = min(low_of[x], middle[f, x])
+                high_of[x] = max(high_of[x], middle[f, x])
+        axis = 0
+        for x in range(1, 3):
+            if high_of[x] - low_of[x] > high_of[axis] - low_of[axis]:
+                axis = x
+        cut = 0.5 * (low_of[axis] + high_of[axis])
         i, j = low, high - 1
         while i <= j:
             if middle[order[i], axis] < cut:
@@ -88,6 +82,21 @@ def build_tree(vertices, faces, order, boxes, first, number):
         stack[depth + 1, 2] = high
         depth += 2
         nodes += 2
+    for node in range(nodes - 1, -1, -1):  # children come after their parents
+        boxes[node, :3] = 1e300
+        boxes[node, 3:] = -1e300
+        if number[node] > 0:
+            for k in range(first[node], first[node] + number[node]):
+                for e in range(3):
+                    for x in range(3):
+                        v = vertices[faces[order[k], e], x]
+                        boxes[node, x] = min(boxes[node, x], v)
+                        boxes[node, 3 + x] = max(boxes[node, 3 + x], v)
+            continue
+        for child in range(first[node], min(first[node] + 2, nodes)):
+            for x in range(3):
+                boxes[node, x] = min(boxes[node, x], boxes[child, x])
+                boxes[node, 3 + x] = max(boxes[node, 3 + x], boxes[child, 3 + x])
     return nodes
 
 

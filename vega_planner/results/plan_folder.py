@@ -5,8 +5,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -44,31 +45,42 @@ def write_plan(plan: PrintPlan, folder: str | Path) -> Path:
     Raises:
         OutputError: If the folder cannot be written; it is then as it was.
     """
-    from vega_planner.viewer.plan_page import plan_page
+    from vega_planner.viewer.plan_page import pictures_of, plan_page
 
-    files = {"part.ply": mesh_ply(plan.part.vertices, plan.part.faces)}
+    pictures = pictures_of(plan)
+    files = _files(plan)
+    makers = (*reversed(pictures), *files.values())  # what takes longest first
+    made: list[Any] = map_threads(lambda make: make(), makers)
+    drawn, contents = made[: len(pictures)], made[len(pictures) :]
+    written = dict(zip(files, contents, strict=True))
+    written["plan.html"] = plan_page(plan, drawn[::-1])
+    written["certificate.json"] = _json(plan.certificate)
+    written["settings.yaml"] = _yaml(as_dict(plan.settings))
+    written["summary.json"] = summary_json(plan.summary)
+    return write_folder(folder, written, OBSOLETE)
+
+
+def _files(plan: PrintPlan) -> dict[str, Callable[[], bytes]]:
+    """Name the tables and meshes of a plan, each with what makes it."""
+    files: dict[str, Callable[[], bytes]] = {
+        "trajectory.csv": lambda: trajectory_csv(plan.trajectory),
+        "velocities.csv": lambda: velocities_csv(plan.trajectory),
+        "toolpath.csv": lambda: toolpath_csv(plan.toolpaths),
+        "part.ply": lambda: mesh_ply(plan.part.vertices, plan.part.faces),
+    }
     if plan.part.restrained.any():
-        files["restraint.ply"] = _restraint_ply(plan.part)
-    if plan.cell.substrate is not None:
-        files["substrate.stl"] = mesh_stl(plan.cell.substrate)
+        files["restraint.ply"] = lambda: _restraint_ply(plan.part)
+    substrate = plan.cell.substrate
+    if substrate is not None:
+        files["substrate.stl"] = lambda: mesh_stl(substrate)
     reasons = plan.printability.face_reasons or (None,) * len(plan.stack.sheets)
     envelopes = len(plan.stack.layers)
     for index, (layer, reason) in enumerate(zip(plan.stack.sheets, reasons, strict=True)):
         name = f"layer_{index:03d}" if index < envelopes else f"core_{index - envelopes:03d}"
-        files[f"layers/{name}.ply"] = _layer_ply(layer, reason)
+        files[f"layers/{name}.ply"] = partial(_layer_ply, layer, reason)
     for index, patch in enumerate(plan.patches):
-        files[f"patches/patch_{index:03d}.ply"] = _patch_ply(patch)
-    tables: dict[str, Callable[[], bytes]] = {
-        "toolpath.csv": lambda: toolpath_csv(plan.toolpaths),
-        "trajectory.csv": lambda: trajectory_csv(plan.trajectory),
-        "velocities.csv": lambda: velocities_csv(plan.trajectory),
-        "plan.html": lambda: plan_page(plan),
-    }
-    files.update(zip(tables, map_threads(lambda make: make(), tables.values())))
-    files["certificate.json"] = _json(plan.certificate)
-    files["settings.yaml"] = _yaml(as_dict(plan.settings))
-    files["summary.json"] = summary_json(plan.summary)
-    return write_folder(folder, files, OBSOLETE)
+        files[f"patches/patch_{index:03d}.ply"] = partial(_patch_ply, patch)
+    return files
 
 
 def _json(values: dict) -> bytes:

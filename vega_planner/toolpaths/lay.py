@@ -29,6 +29,7 @@ from vega_planner.toolpaths.bead import (
     leaning_section,
     section_area,
 )
+from vega_planner.toolpaths.carrier import Carrier
 from vega_planner.toolpaths.contour import contour_lines
 from vega_planner.toolpaths.isolines import (
     AXIS,
@@ -48,7 +49,8 @@ from vega_planner.toolpaths.smoothing_kernels import smooth_axes, without_crowdi
 from vega_planner.toolpaths.spiral import spiral_passes
 from vega_planner.toolpaths.surface import connect
 from vega_planner.toolpaths.travel import TravelPlanner
-from vega_planner.toolpaths.wedges import wedge_lines
+from vega_planner.toolpaths.turns import bend_ends
+from vega_planner.toolpaths.wedges import corner_lines, wedge_lines
 from vega_planner.toolpaths.zigzag import Zigzag, zigzag_lines
 
 if TYPE_CHECKING:
@@ -220,9 +222,16 @@ def patch_passes(
         lines = [_scaled(line, flow) for line in laid.lines]
         found = link_lines(laid.loops, lines, laid.guides, spacing, longest, toward)
         if laid.lines and not (flat or euclidean):
-            wedges = wedge_lines(laid.loops, found, patch.vertices, laid.values, spacing)
+            carrier = Carrier(patch.vertices, laid.values)
+            wedges = wedge_lines(laid.loops, found, carrier, spacing)
             wedges = [_scaled(line, flow) for line in wedges]
             found = attach_lines(found, wedges, longest, _ALONE * spacing)
+            found = bend_ends(found, [*lines, *wedges], carrier, spacing)
+            corners = corner_lines(surface, laid.values, found, spacing)
+            if corners:
+                corners = [_scaled(line, flow) for line in corners]
+                found = attach_lines(found, corners, longest, _ALONE * spacing)
+                found = bend_ends(found, corners, carrier, spacing)
     else:
         lines, used = contour_lines(surface, patch, spacing, ground=ground, euclidean=euclidean)
         lines = [_scaled(line, flow) for line in lines]

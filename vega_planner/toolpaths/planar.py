@@ -40,6 +40,14 @@ UPRIGHT = 1 - 2e-6
 #: A blob between walls with more area than this, in spacings squared, gets a bead.
 _BLOB = 0.2
 
+#: A point of an outline that is nearer than this to the line past it is left out [mm].
+_STRAIGHT = 1e-4
+
+#: Regions whose outlines are nearer than this to each other are the same [mm]; a strip
+#: beside walls that is nowhere as deep as this, in spacings, is too thin for a line of its
+#: own; outlines are looked at in steps of so many spacings.
+_SAME, _THIN, _SAMPLING = 0.01, 0.1, 0.25
+
 #: A loop does not reach out to a place nearer than this [spacings].
 _NO_SPIKE = 0.15
 
@@ -143,13 +151,16 @@ def concentric_lines(
         surface: Connectivity of the patch.
         patch: A flat patch, normals along z.
         spacing: Distance between walls [mm].
-        inside: Keep the first wall inside the outline; else it is half a spacing from
-            it, so that its round side stands out as much as it lacks.
+        inside: Keep the first wall inside the outline, as the planar baseline does, whose
+            outlines have many points: those on straight lines are left out. Else it is
+            half a spacing from it, so that its round side stands out as much as it lacks.
 
     Returns:
         Lines by level, the outermost first.
     """
     shape = region(surface)
+    if inside:
+        shape = shape.simplify(_STRAIGHT)
     height = float(patch.vertices[:, 2].mean())
     thickness = float(patch.thickness.mean())
     lines: list[Line] = []
@@ -161,9 +172,14 @@ def concentric_lines(
         # two walls side by side need room; a narrower place gets one line in its middle
         need = max(_TWO_WALLS * spacing, inset)
         wide = _offset(_offset(left, -need), need)
-        walls = _offset(wide.intersection(left), -inset)
-        covered = walls.buffer(inset + 1e-6)  # round, so that sharp corners cover no more
-        strips = [_strip_line(strip, spacing) for strip in _polygons(left.difference(covered))]
+        # overlays of regions whose outlines nearly coincide cost most: only where they matter
+        same = inside and _covers(wide, left, _SAME, spacing)
+        inner = left if same else wide.intersection(left)
+        walls = _offset(inner, -inset)
+        strips = []
+        if not (same and _covers(walls, left, inset + _THIN * spacing, spacing)):
+            covered = walls.buffer(inset + 1e-6)  # round, so that sharp corners cover no more
+            strips = [_strip_line(strip, spacing) for strip in _polygons(left.difference(covered))]
         found = [strip for strip in strips if strip is not None]
         rest = _offset(wide, -spacing)
         rings = _rings(walls)
@@ -178,6 +194,16 @@ def concentric_lines(
         lines += around
         left, inset, level = rest, 0.5 * spacing, level + 1
     return lines
+
+
+def _covers(inner: Any, outer: Any, reach: float, spacing: float) -> bool:
+    """Tell whether the outline of a region lies within a distance of another one inside it."""
+    import shapely
+
+    around = inner.buffer(reach)
+    shapely.prepare(around)
+    x, y = shapely.get_coordinates(shapely.segmentize(outer, _SAMPLING * spacing)).T
+    return bool(shapely.contains_xy(around, x, y).all())
 
 
 def _with_spike(around: list[Line], blob: Line, spacing: float) -> bool:

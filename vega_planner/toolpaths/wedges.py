@@ -6,14 +6,17 @@ from __future__ import annotations
 import numpy as np
 
 from vega_planner.datatypes import Floats, Ints
+from vega_planner.toolpaths.carrier import Carrier
 from vega_planner.toolpaths.coverage_kernels import (
     bucket_segments,
     distance_to_segments,
     gaps_beside,
 )
-from vega_planner.toolpaths.isolines import AXIS, CELL, POSITION, RIM, Line
+from vega_planner.toolpaths.gaps import lines_in_gaps
+from vega_planner.toolpaths.isolines import AXIS, POSITION, RIM, Line
 from vega_planner.toolpaths.linking import Pass
 from vega_planner.toolpaths.polyline_kernels import line_length
+from vega_planner.toolpaths.surface import Surface
 
 #: A strip between this and that wide, in spacings, is a wedge; where it is wider there is
 #: a line in it.
@@ -21,6 +24,10 @@ _NARROW, _BROAD = 1.06, 2.3
 
 #: Nearer than this, in spacings, a pass is taken for a piece of the loop itself.
 _SAME = 0.3
+
+#: A place farther than this from all passes lies in a hole that no end of a line can be
+#: bent into; a line that fills it is at least so long, in spacings.
+_LONELY, _STUB = 0.58, 0.2
 
 #: The loop is looked at in steps of this [spacings].
 _STEP = 0.25
@@ -30,15 +37,14 @@ _SHORTEST = 0.2
 
 
 def wedge_lines(
-    loops: list[Line], passes: list[Pass], vertices: Floats, values: Floats, spacing: float
+    loops: list[Line], passes: list[Pass], carrier: Carrier, spacing: float
 ) -> list[Line]:
     """Lay lines along the middle of the wedges inside loops.
 
     Args:
         loops: Loops along the rim, inside to their left.
         passes: What is laid, the loops among it.
-        vertices: Points of the patch [mm], shape (n, 3).
-        values: What lines carry, at the vertices, shape (n, 12).
+        carrier: What lines carry on the patch.
         spacing: Spacing of the lines [mm].
 
     Returns:
@@ -76,10 +82,31 @@ def wedge_lines(
         first = rows.stop
         for run in _runs(wide[rows]):
             at = rows.start + run
-            line = _carried(middle[at], bare[at], vertices, values)
+            line = carrier.rows(middle[at], bare[at])
             if len(line) > 1 and line_length(line, False) >= _SHORTEST * spacing:
                 lines.append(Line(line, 0, False, loop.component))
     return lines
+
+
+def corner_lines(
+    surface: Surface, values: Floats, passes: list[Pass], spacing: float
+) -> list[Line]:
+    """Lay lines where a corner of the rim is too narrow for a line of the pattern.
+
+    Args:
+        surface: Connectivity of the patch.
+        values: What lines carry, at the vertices, shape (n, 12).
+        passes: What is laid.
+        spacing: Spacing of the lines [mm].
+
+    Returns:
+        Open lines, each as wide as half the gap it lies in.
+    """
+    room = values[:, RIM]
+    beside = (room > spacing) & (room < (_BROAD + 0.6) * spacing)
+    laid = [Line(item.rows, 0, False, 0) for item in passes]
+    level = np.zeros(len(values))
+    return lines_in_gaps(surface, values, laid, beside, level, spacing, _LONELY, _STUB)
 
 
 def _finely(rows: Floats, step: float) -> Floats:
@@ -102,20 +129,3 @@ def _runs(mask: np.ndarray) -> list[Ints]:
     order = (np.arange(n) + start) % n
     on = np.flatnonzero(mask[order])
     return [order[run] for run in np.split(on, np.flatnonzero(np.diff(on) > 1) + 1) if len(run)]
-
-
-def _carried(points: Floats, cell: Floats, vertices: Floats, values: Floats) -> Floats:
-    """Rows of a line through points: the rest from the vertices about them."""
-    near = ((vertices > points.min(0) - 2.0) & (vertices < points.max(0) + 2.0)).all(1)
-    known, about = vertices[near], values[near]
-    if not len(known):
-        known, about = vertices, values
-    square = ((points[:, None] - known[None]) ** 2).sum(2)
-    nearest = np.argsort(square, axis=1, kind="stable")[:, :3]
-    weight = 1.0 / np.maximum(np.take_along_axis(square, nearest, 1), 1e-6)
-    weight /= weight.sum(1, keepdims=True)
-    rows = np.einsum("ij,ijc->ic", weight, about[nearest])
-    rows[:, POSITION] = points
-    rows[:, CELL] = cell
-    rows[:, AXIS] /= np.linalg.norm(rows[:, AXIS], axis=1, keepdims=True)
-    return rows

@@ -8,11 +8,13 @@ Reachability Analysis", IEEE T-RO 34(3), 2018 (TOPP-RA), with the tip's speed as
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from vega_planner.datatypes import Floats
 from vega_planner.errors import VegaError
+from vega_planner.parallel import map_threads
 from vega_planner.robot.robot import Robot
 from vega_planner.trajectory import topp_ra_kernels as kernels
 from vega_planner.trajectory.joint_path import JointPath
@@ -86,14 +88,21 @@ def time_path(
     way = path.way
     n, joints = path.q.shape
     times, velocities, tip = np.zeros(n), np.zeros((n, joints)), np.zeros(n)
+    segments = [slice(*ends) for ends in pairwise(way.starts.tolist())]
+
+    def timed(k: int) -> None:
+        rows = segments[k]
+        speed = np.full(rows.stop - rows.start, speeds[k])
+        times[rows], velocities[rows], tip[rows] = _within_limits(
+            way.path[rows], path.q[rows], speed, robot
+        )
+
+    map_threads(timed, range(len(segments)))
     now = 0.0
-    for k in range(len(way.path_id)):
-        rows = slice(int(way.starts[k]), int(way.starts[k + 1]))
-        length = rows.stop - rows.start
-        t, v, x = _within_limits(way.path[rows], path.q[rows], np.full(length, speeds[k]), robot)
+    for k, rows in enumerate(segments):
         now += 0.0 if waits is None else float(waits[k])
-        times[rows], velocities[rows], tip[rows] = now + t, v, x
-        now += t[-1]
+        times[rows] += now
+        now = float(times[rows.stop - 1])
     return Timing(times, velocities, tip)
 
 

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,14 +28,20 @@ _STATUS = {
 _MOST_POINTS = 60_000
 
 
-def plan_page(plan: PrintPlan) -> bytes:
+def plan_page(plan: PrintPlan, pictures: Sequence[str] | None = None) -> bytes:
     """Make the page of a plan: pictures, figures, printability, warnings.
 
     It shows no computing times, so that the same plan gives the same bytes.
+
+    Args:
+        plan: The plan.
+        pictures: What `pictures_of` the plan make, where that is known.
     """
     summary = plan.summary
+    if pictures is None:
+        pictures = map_threads(lambda draw_it: draw_it(), pictures_of(plan))
     sections = [
-        row(_pictures(plan)),
+        row(list(pictures)),
         "<h2>Figures</h2>" + table((), _figures(summary)),
         "<h2>Printability</h2>" + _printability(summary["printability"], summary["collisions"]),
     ]
@@ -65,20 +71,24 @@ def write_plan_page(folder: str | Path, plan: PrintPlan) -> Path:
     return path
 
 
-def _pictures(plan: PrintPlan) -> list[str]:
+def pictures_of(plan: PrintPlan) -> tuple[Callable[[], str], ...]:
+    """Offer the pictures of the page, each to be drawn by itself."""
     width = float(plan.summary["bead_width_mm"])
-    scenes = (
-        (lambda: _part_scene(plan.part), 0.0),
-        (lambda: layer_scene(plan.stack.sheets, plan.printability.face_reasons), 0.0),
-        (lambda: path_scene(plan.toolpaths), 0.4 * width),
+    return (
+        lambda: figure(_drawn(_part_scene(plan.part)), _part_caption(plan.part)),
+        lambda: figure(
+            _drawn(layer_scene(plan.stack.sheets, plan.printability.face_reasons)),
+            "Layers, cut open; from the first generated (dark) to the last (light)",
+        ),
+        lambda: figure(
+            _drawn(path_scene(plan.toolpaths), 0.4 * width),
+            "Toolpath, cut open; in print order from dark to light",
+        ),
     )
-    captions = (
-        _part_caption(plan.part),
-        "Layers, cut open; from the first generated (dark) to the last (light)",
-        "Toolpath, cut open; in print order from dark to light",
-    )
-    pictures = map_threads(lambda one: data_uri(draw(one[0](), View(), one[1])), scenes)
-    return [figure(picture, caption) for picture, caption in zip(pictures, captions)]
+
+
+def _drawn(scene: Scene, line_mm: float = 0.0) -> str:
+    return data_uri(draw(scene, View(), line_mm))
 
 
 def _part_scene(part: Any) -> Scene:

@@ -8,6 +8,9 @@ import numpy as np
 
 from vega_planner.compiled import kernel
 
+#: In a box of more pixels than this across, only what lies between the edges is looked at.
+_BROAD = 8
+
 #: Share of the light that reaches every surface, and that of the lamp.
 _AMBIENT, _LAMP = 0.35, 0.65
 
@@ -48,7 +51,20 @@ def draw_triangles(image, depth, points, faces, colours, light):
         inverse = 1.0 / twice
         for y in range(y0, y1 + 1):
             py = y + 0.5 - ay
-            for x in range(x0, x1 + 1):
+            first, last = x0, x1
+            if x1 - x0 > _BROAD:
+                # a needle fills little of its box: between its edges only, and a pixel more
+                low, high = np.inf, -np.inf
+                for ex, fx, ey, fy in ((0.0, ux, 0.0, uy), (0.0, vx, 0.0, vy), (ux, vx, uy, vy)):
+                    if min(ey, fy) <= py <= max(ey, fy):
+                        at = ex + (fx - ex) * ((py - ey) / (fy - ey)) if ey != fy else ex
+                        end = at if ey != fy else fx
+                        low, high = min(low, at, end), max(high, at, end)
+                if low > high:
+                    continue
+                first = max(x0, int(np.floor(ax + low - 0.5)) - 1)
+                last = min(x1, int(np.ceil(ax + high - 0.5)) + 1)
+            for x in range(first, last + 1):
                 px = x + 0.5 - ax
                 s = (px * vy - py * vx) * inverse
                 t = (ux * py - uy * px) * inverse

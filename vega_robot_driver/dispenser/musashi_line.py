@@ -59,9 +59,12 @@ class MusashiLine:
     """
 
     def __init__(self, port: str, baud: int, timeout_s: float) -> None:
+        import termios
+
         import serial
 
-        self._port, self._errors = port, serial.SerialException
+        # Of a line that hangs up, pyserial passes on what the terminal says.
+        self._port, self._errors = port, (serial.SerialException, termios.error)
         self._turn = threading.Lock()
         try:
             self._serial: Any = serial.Serial(
@@ -113,8 +116,8 @@ class MusashiLine:
             for left in reversed(range(tries)):
                 try:
                     return self._once(command.encode(), parsed)
-                except (LinkTimeout, self._errors) as error:
-                    with contextlib.suppress(self._errors):
+                except (LinkTimeout, *self._errors) as error:
+                    with contextlib.suppress(*self._errors):
                         self._serial.write(EOT)
                     if not left:
                         raise LinkTimeout(f"dispenser on {self._port}: {error}") from error
