@@ -22,6 +22,10 @@ FACING = 0.64
 #: be for it to shrink, and the least room that counts, in the limit.
 SHRINKS, NEARER, LEAST = 8, 0.004, 0.1
 
+#: Where a front from aside ends it this little before it would meet the opposed one, the
+#: room is that of the opposed one.
+BESIDE = 0.93
+
 
 @kernel
 def mark_last(
@@ -86,10 +90,14 @@ def measure_room(tri, box, brr_tri, brr_box, feet, inward, limit, first, last, r
         reach = 2.5 * limit
         x, y, z = feet[i, 0] + 1e-5 * nx, feet[i, 1] + 1e-5 * ny, feet[i, 2] + 1e-5 * nz
         s, u = first_hit(tri, box, x, y, z, x + reach * nx, y + reach * ny, z + reach * nz, stack)
-        free, found, facing = limit, OPEN, 0.0
-        if s >= 0 and nx * tri[s, 9] + ny * tri[s, 10] + nz * tri[s, 11] > 0.0:
-            free = min(limit, 0.5 * u * reach)
-            facing = 1.0
+        free, found, facing, plain = limit, OPEN, 0.0, limit
+        if s >= 0:
+            c = nx * tri[s, 9] + ny * tri[s, 10] + nz * tri[s, 11]
+            if c > 0.0:
+                free = min(limit, 0.5 * u * reach)
+                facing = 1.0
+            if c > FACING:
+                plain = u * reach * c / (1.0 + c)
         for _ in range(SHRINKS):
             cx, cy, cz = feet[i, 0] + free * nx, feet[i, 1] + free * ny, feet[i, 2] + free * nz
             bound = (free * (1.0 - NEARER)) ** 2
@@ -106,6 +114,11 @@ def measure_room(tri, box, brr_tri, brr_box, feet, inward, limit, first, last, r
             facing = along / free - 1.0
         if facing > FACING and LEAST * limit < free < limit:
             found = OPPOSED
+        elif plain < limit:
+            cx, cy, cz = feet[i, 0] + plain * nx, feet[i, 1] + plain * ny, feet[i, 2] + plain * nz
+            q, _ = nearest(tri, box, cx, cy, cz, -1, (BESIDE * plain) ** 2, stack, lower)
+            if q < 0:
+                free, found, facing = plain, OPPOSED, 1.0
         if len(brr_tri) > 0 and facing >= 0.0:
             q, v = first_hit(
                 brr_tri, brr_box, x, y, z, x + free * nx, y + free * ny, z + free * nz, stack

@@ -31,7 +31,7 @@ MOST_VERTICES = 3e6
 MOST_NODES = 12e6
 
 #: Open share of the volume above which sharp edges are thickened.
-FILLED_RATIO = 0.0046
+FILLED_RATIO = 0.0043
 
 #: Open share of the volume above which a person is told.
 OPEN_RATIO = 0.01
