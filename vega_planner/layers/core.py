@@ -70,6 +70,9 @@ WIDE_RATIO = 0.125
 #: A sheet that is this near to the middle of a thin wall, in t, fills it.
 WITHIN_RATIO = 0.25
 
+#: Pieces of the core below this area, in t², are left out.
+CRUMB_RATIO = 0.4
+
 #: Pieces below this area, in t², are asked how far they rise over their level.
 SMALL_RATIO = 2.7
 
@@ -383,7 +386,7 @@ def _add(
         thickness = np.maximum(thickness, t / 2)
     if middle:
         faces = one_side(points, faces, front.inward[used], float(np.median(free)))
-    faces = _without_slivers(points, faces)
+    faces = _without_crumbs(points, _without_slivers(points, faces), CRUMB_RATIO * t * t)
     if len(faces) == 0:
         return None
     used, numbers = np.unique(faces, return_inverse=True)
@@ -404,6 +407,15 @@ def _without_slivers(points: Floats, faces: Ints) -> Ints:
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(1)
     return faces[np.linalg.norm(cross, axis=1) > 1e-3 * sides**2]
+
+
+def _without_crumbs(points: Floats, faces: Ints, least: float) -> Ints:
+    """Leave out connected pieces with less than an area [mm²]: no bead is so short."""
+    piece = connected_pieces(len(points), faces)
+    corners = points[faces]
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    total = np.bincount(piece, np.linalg.norm(cross, axis=1) / 2)
+    return faces[total[piece] >= least]
 
 
 def one_side(points: Floats, faces: Ints, inward: Floats, reach: float) -> Ints:
