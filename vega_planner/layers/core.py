@@ -71,7 +71,7 @@ WIDE_RATIO = 0.125
 WITHIN_RATIO = 0.25
 
 #: Pieces of the core below this area, in t², are left out.
-CRUMB_RATIO = 0.4
+CRUMB_RATIO = 0.25
 
 #: Pieces below this area, in t², are asked how far they rise over their level.
 SMALL_RATIO = 2.7

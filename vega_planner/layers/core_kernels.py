@@ -18,6 +18,10 @@ OPEN, OPPOSED, REGION = 0, 1, 2
 #: Least cosine between two fronts that meet where they count as opposed.
 FACING = 0.64
 
+#: Least cosine between the inward normal and the face where it leaves the part for another
+#: front to be looked for, and how much farther than the limit it may meet the plane there.
+AHEAD, FARTHER = 0.4, 1.15
+
 #: Times the ball between two fronts shrinks at most, how much nearer another point must
 #: be for it to shrink, and the least room that counts, in the limit.
 SHRINKS, NEARER, LEAST = 8, 0.004, 0.1
@@ -90,15 +94,28 @@ def measure_room(tri, box, brr_tri, brr_box, feet, inward, limit, first, last, r
         reach = 2.5 * limit
         x, y, z = feet[i, 0] + 1e-5 * nx, feet[i, 1] + 1e-5 * ny, feet[i, 2] + 1e-5 * nz
         s, u = first_hit(tri, box, x, y, z, x + reach * nx, y + reach * ny, z + reach * nz, stack)
-        free, found, facing, plain = limit, OPEN, 0.0, limit
+        c = 0.0
         if s >= 0:
             c = nx * tri[s, 9] + ny * tri[s, 10] + nz * tri[s, 11]
-            if c > 0.0:
-                free = min(limit, 0.5 * u * reach)
-                facing = 1.0
-            if c > FACING:
-                plain = u * reach * c / (1.0 + c)
-        for _ in range(SHRINKS):
+        found, facing, plain = OPEN, 1.0, limit
+        if len(brr_tri) > 0:
+            ahead = min(limit, u * reach) if s >= 0 else limit
+            q, v = first_hit(
+                brr_tri, brr_box, x, y, z, x + ahead * nx, y + ahead * ny, z + ahead * nz, stack
+            )
+            if q >= 0:
+                c = nx * brr_tri[q, 9] + ny * brr_tri[q, 10] + nz * brr_tri[q, 11]
+                if c <= FACING:
+                    continue
+                found, plain = REGION, v * ahead
+        if c < AHEAD or (found == OPEN and u * reach * c / (1.0 + c) > FARTHER * limit):
+            continue
+        free = min(limit, 0.5 * u * reach) if s >= 0 else limit
+        if found == REGION:
+            free = plain
+        elif c > FACING:
+            plain = u * reach * c / (1.0 + c)
+        for _ in range(SHRINKS if found == OPEN else 0):
             cx, cy, cz = feet[i, 0] + free * nx, feet[i, 1] + free * ny, feet[i, 2] + free * nz
             bound = (free * (1.0 - NEARER)) ** 2
             q, _ = nearest(tri, box, cx, cy, cz, s, bound, stack, lower)
@@ -112,23 +129,16 @@ def measure_room(tri, box, brr_tri, brr_box, feet, inward, limit, first, last, r
                 break
             free = (qx * qx + qy * qy + qz * qz) / (2.0 * along)
             facing = along / free - 1.0
-        if facing > FACING and LEAST * limit < free < limit:
+        if found == OPEN and facing > FACING and LEAST * limit < free < limit:
             found = OPPOSED
         elif plain < limit:
             cx, cy, cz = feet[i, 0] + plain * nx, feet[i, 1] + plain * ny, feet[i, 2] + plain * nz
             q, _ = nearest(tri, box, cx, cy, cz, -1, (BESIDE * plain) ** 2, stack, lower)
-            if q < 0:
-                free, found, facing = plain, OPPOSED, 1.0
-        if len(brr_tri) > 0 and facing >= 0.0:
-            q, v = first_hit(
-                brr_tri, brr_box, x, y, z, x + free * nx, y + free * ny, z + free * nz, stack
-            )
             if q >= 0:
-                c = nx * brr_tri[q, 9] + ny * brr_tri[q, 10] + nz * brr_tri[q, 11]
-                found = OPEN
-                if c > 0.64:
-                    free *= v
-                    found = REGION
+                continue
+            free = plain
+            if found == OPEN:
+                found = OPPOSED
         if found == OPEN:
             continue
         room[i] = free

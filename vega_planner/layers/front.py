@@ -13,6 +13,7 @@ from vega_planner.layers.contour import Sheet
 from vega_planner.layers.distance_field import DistanceField
 from vega_planner.layers.grid import Grid
 from vega_planner.layers.subdivide import split_long_edges
+from vega_planner.parallel import map_threads
 
 #: Sheets of the core end this far from the surface, in their depth: between the corners
 #: their round ends leave open and what bulges out.
@@ -21,7 +22,7 @@ END_RATIO = 0.75
 #: Rows of points along a triangle at most.
 MOST_ROWS = 32
 
-_CHUNK = 4096
+_CHUNK = 512
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,11 +199,14 @@ def measure_rooms(
     feet, inward = np.ascontiguousarray(feet), np.ascontiguousarray(inward, np.float64)
     brr_tri = brr.tri if brr else np.zeros((0, 16))
     brr_box = brr.box if brr else np.zeros((1, 6))
-    for first in range(0, count, _CHUNK):
+
+    def measure(first: int) -> None:
         kernels.measure_room(
             field.tri, field.box, brr_tri, brr_box, feet, inward, limit,
             first, min(first + _CHUNK, count), room, kind,
         )  # fmt: skip
+
+    map_threads(measure, range(0, count, _CHUNK))
     return room, kind
 
 
