@@ -60,6 +60,19 @@ STAYING_RATIO = 0.006
 #: A connected piece of which this share is a sliver is made anew.
 SLIVER_SHARE = 0.8
 
+#: How far sheets lean towards laying twice instead of leaving open, tried one by one.
+LEANS = (0.3, 0.6, 0.9)
+
+#: Gaps between two fronts from this half width, in t, get a sheet of their own: as much
+#: is laid twice then, at the least thickness, as else by the sheets on both sides.
+WIDE_RATIO = 0.125
+
+#: A sheet that is this near to the middle of a thin wall, in t, fills it.
+WITHIN_RATIO = 0.25
+
+#: Pieces of the core below this area, in t², are left out.
+CRUMB_RATIO = 0.25
+
 #: Pieces below this area, in t², are asked how far they rise over their level.
 SMALL_RATIO = 2.7
 
@@ -70,12 +83,12 @@ class Core:
 
     Attributes:
         cores: The sheets of the core.
-        thickness: Thickness at the vertices of each envelope sheet [mm].
+        room: Room for the thickness at the vertices of each envelope sheet [mm].
         kept: Faces of each envelope sheet that stay (the others moved into the core).
     """
 
     cores: tuple[Layer, ...]
-    thickness: tuple[Floats, ...]
+    room: tuple[Floats, ...]
     kept: tuple[Bools, ...]
 
     @property
@@ -86,8 +99,21 @@ class Core:
     @classmethod
     def nothing(cls, sheets: list[Sheet], t: float) -> Core:
         """Leave the sheets as they are."""
-        thickness = tuple(np.full(len(sheet.vertices), t) for sheet in sheets)
-        return cls((), thickness, tuple(np.ones(len(sheet.faces), bool) for sheet in sheets))
+        room = tuple(np.full(len(sheet.vertices), t) for sheet in sheets)
+        return cls((), room, tuple(np.ones(len(sheet.faces), bool) for sheet in sheets))
+
+
+def leant(room: Floats, t: float, lean: float) -> Floats:
+    """Choose the thickness of a sheet that stays where its room is another one [mm].
+
+    With the room t + g, either g / 2 stays open on both sides or as much is laid twice.
+
+    Args:
+        room: Room for it [mm].
+        t: Layer thickness [mm].
+        lean: From 0, as much open as laid twice, to 1, none open.
+    """
+    return np.clip(room + lean * np.abs(t - room), t / 2, 1.5 * t)
 
 
 def fill_core(
@@ -126,18 +152,21 @@ def fill_core(
 
     fronts, gaps, areas, pieces = zip(*map_threads(look, range(-1, len(sheets))))
     moving = _amount(fronts, gaps, areas, t) > TOLERATED_RATIO * part.volume
-    thickness = [np.full(len(sheet.vertices), t) for sheet in sheets]
+    rooms = [np.full(len(sheet.vertices), t) for sheet in sheets]
     kept = [np.ones(len(sheet.faces), bool) for sheet in sheets]
     cores: list[Layer] = []
     last: list[Layer | None] = [None] * (len(sheets) + 1)
     walls, (gap, _) = fronts[0], gaps[0]
-    spread = spread_room(walls)
-    _add(cores, field, walls, gap < MIDDLE_RATIO * t, spread, 0.0, True, t)
+    chosen = gap < MIDDLE_RATIO * t
     budget = staying_ratio * part.volume
     leaving = _leaving(
         fronts[1:], gaps[1:], areas[1:], pieces[1:], t, sliver, budget, moving, grid.spacing,
         field, brr,
     )  # fmt: skip
+    if sheets and chosen.any():
+        stays = ~(leaving[0][0] | leaving[0][1])
+        _leave_out(walls, chosen, sheets[0], stays, t)
+    _add(cores, field, walls, chosen, spread_room(walls), 0.0, True, t)
     for k, (front, (gap, opposed)) in enumerate(zip(fronts[1:], gaps[1:])):
         moved, slivers = leaving[k]
         kept[k] &= ~moved & ~slivers
@@ -147,12 +176,11 @@ def fill_core(
         spread = spread_room(front)
         last[k] = _add(cores, field, front, moved, spread, k * t, False, t)
         own &= kept[k]
-        wide = own & opposed & (gap >= t / 4)
+        wide = own & opposed & (gap >= WIDE_RATIO * t)
         _add(cores, field, front, wide, spread, (k + 1) * t, True, t)
         narrow = np.unique(front.faces[own & ~wide])
         free = np.where(np.isfinite(spread), spread - k * t, t)[narrow]
-        # Rather a little too much than a gap.
-        thickness[k][narrow] = np.clip(free + 0.3 * np.abs(t - free), t / 2, 1.5 * t)
+        rooms[k][narrow] = free
     for front, (gap, _) in zip(fronts, gaps):
         k = front.level + 1
         following = (gap >= t / 2) & (gap < t / 2 + sliver)
@@ -174,12 +202,26 @@ def fill_core(
             following = np.zeros(len(following), bool)
             following[rows] = True
         _add(cores, field, front, following, spread_room(front), k * t, False, t)
-    _join_core(cores, sheets, thickness, kept)
-    return Core(tuple(cores), tuple(thickness), tuple(kept))
+    _join_core(cores, sheets, rooms, kept, t)
+    return Core(tuple(cores), tuple(rooms), tuple(kept))
+
+
+def _leave_out(front: Front, chosen: Bools, sheet: Sheet, stays: Bools, t: float) -> None:
+    """Leave out the faces of a thin wall through which a sheet that stays passes, in place."""
+    rows = np.flatnonzero(chosen)
+    corners = front.faces[rows]
+    room = np.where(np.isfinite(front.room[corners]), front.room[corners], np.nan)
+    middles = front.feet[corners].mean(1)
+    middles += np.nanmean(room, axis=1)[:, None] * face_inward(front, rows)
+    if stays.any():
+        near = (
+            DistanceField(sheet.vertices, sheet.faces[stays]).distances(middles) < WITHIN_RATIO * t
+        )
+        chosen[rows[near]] = False
 
 
 def _join_core(
-    cores: list[Layer], sheets: list[Sheet], thickness: list[Floats], kept: list[Bools]
+    cores: list[Layer], sheets: list[Sheet], rooms: list[Floats], kept: list[Bools], t: float
 ) -> None:
     """Let the core begin where a whole level has moved into it: what is deeper follows."""
     begun = False
@@ -195,7 +237,7 @@ def _join_core(
                 depth_mm=sheet.depth,
                 vertices=sheet.vertices[used],
                 faces=numbers.reshape(-1, 3),
-                thickness=thickness[k][used],
+                thickness=leant(rooms[k][used], t, LEANS[0]),
             )
         )
         kept[k][:] = False
@@ -270,6 +312,12 @@ def _leaving(
         if budget < 0:
             break
         moves[k][number] = False
+    begun = False
+    for k, (gap, _) in enumerate(gaps):
+        if begun:
+            ends = np.bincount(pieces[k], gap < t / 2, len(moves[k])) > 0
+            moves[k] |= ends & ~slivers[k]
+        begun = begun or bool(len(moves[k]) and (moves[k] | slivers[k]).all())
     return [(move[piece], thin[piece]) for move, thin, piece in zip(moves, slivers, pieces)]
 
 
@@ -291,8 +339,9 @@ def _amount(
     for front, (gap, opposed), areas in zip(fronts, gaps, all_areas):
         if front.level < 0 or len(front.faces) == 0:
             continue
-        filled = opposed & (gap >= t / 4)
-        off = np.where((gap < t / 2) & ~filled, np.abs(gap) / 2, 0.0)
+        filled = opposed & (gap >= WIDE_RATIO * t)
+        off = np.where(filled, np.maximum(t / 4 - gap, 0.0), np.abs(gap)) / 2
+        off = np.where(gap < t / 2, off, 0.0)
         total += float((areas * off).sum())
     return total
 
@@ -317,8 +366,9 @@ def _add(
     faces = front.faces[chosen]
     used, numbers = np.unique(faces, return_inverse=True)
     faces = numbers.reshape(-1, 3)
-    # Corners without a measured room keep the thickness t.
-    free = np.where(np.isfinite(room[used]), room[used] - start, t)
+    # Corners without a measured room, or with room for the next layer too, keep t.
+    free = room[used] - start
+    free = np.where(np.isfinite(free) & (middle | (free < 1.5 * t)), free, t)
     free = np.maximum(free, 0.05 * t)
     depth = room[used] if middle else start + free / 2
     points = front.feet[used] + depth[:, None] * front.inward[used]
@@ -332,9 +382,11 @@ def _add(
         push = np.maximum(ends - found.distances, 0.0)
         points[unsure] += away * np.minimum(push, t)[:, None]
     thickness = 2 * free if middle else free
+    if middle and start > 0:
+        thickness = np.maximum(thickness, t / 2)
     if middle:
         faces = one_side(points, faces, front.inward[used], float(np.median(free)))
-    faces = _without_slivers(points, faces)
+    faces = _without_crumbs(points, _without_slivers(points, faces), CRUMB_RATIO * t * t)
     if len(faces) == 0:
         return None
     used, numbers = np.unique(faces, return_inverse=True)
@@ -355,6 +407,15 @@ def _without_slivers(points: Floats, faces: Ints) -> Ints:
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(1)
     return faces[np.linalg.norm(cross, axis=1) > 1e-3 * sides**2]
+
+
+def _without_crumbs(points: Floats, faces: Ints, least: float) -> Ints:
+    """Leave out connected pieces with less than an area [mm²]: no bead is so short."""
+    piece = connected_pieces(len(points), faces)
+    corners = points[faces]
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    total = np.bincount(piece, np.linalg.norm(cross, axis=1) / 2)
+    return faces[total[piece] >= least]
 
 
 def one_side(points: Floats, faces: Ints, inward: Floats, reach: float) -> Ints:

@@ -9,10 +9,26 @@ import numpy as np
 from vega_planner.compiled import kernel
 from vega_planner.layers.grid_kernels import INSIDE
 from vega_planner.layers.tree_kernels import first_hit, nearest
+from vega_planner.layers.triangle_kernels import closest
 from vega_planner.part.surface_kernels import cross_of
 
 #: What ends the room in front of a point.
 OPEN, OPPOSED, REGION = 0, 1, 2
+
+#: Least cosine between two fronts that meet where they count as opposed.
+FACING = 0.64
+
+#: Least cosine between the inward normal and the face where it leaves the part for another
+#: front to be looked for, and how much farther than the limit it may meet the plane there.
+AHEAD, FARTHER = 0.4, 1.15
+
+#: Times the ball between two fronts shrinks at most, how much nearer another point must
+#: be for it to shrink, and the least room that counts, in the limit.
+SHRINKS, NEARER, LEAST = 8, 0.004, 0.1
+
+#: Where a front from aside ends it this little before it would meet the opposed one, the
+#: room is that of the opposed one.
+BESIDE = 0.93
 
 
 @kernel
@@ -54,10 +70,11 @@ def mark_last(
 def measure_room(tri, box, brr_tri, brr_box, feet, inward, limit, first, last, room, kind):
     """Measure how far from its foot on S a front runs before it meets another.
 
-    A ray along the inward normal leaves the part after a length l at an angle b to the
-    normal there. Fronts from both sides meet at l cos b / (1 + cos b); where it leaves
-    through the restraint region the whole length is free. Only nearly parallel sides
-    count (b < 50 degrees), and only where no other part of S is nearer.
+    There a ball that touches S at the foot touches it elsewhere too. It begins as large as
+    wanted, or between the foot and where the inward normal leaves the part, and shrinks to
+    the nearest point inside it until there is none [MaEtAl2012]_. Only fronts that nearly
+    oppose each other count. Where the normal leaves through the restraint region before,
+    the whole length is free.
 
     Args:
         tri: Triangle rows of S, with `box`.
@@ -77,30 +94,52 @@ def measure_room(tri, box, brr_tri, brr_box, feet, inward, limit, first, last, r
         reach = 2.5 * limit
         x, y, z = feet[i, 0] + 1e-5 * nx, feet[i, 1] + 1e-5 * ny, feet[i, 2] + 1e-5 * nz
         s, u = first_hit(tri, box, x, y, z, x + reach * nx, y + reach * ny, z + reach * nz, stack)
-        free = 1e30
-        found = OPEN
+        c = 0.0
         if s >= 0:
             c = nx * tri[s, 9] + ny * tri[s, 10] + nz * tri[s, 11]
-            if c > 0.64:
-                free = u * reach * c / (1.0 + c)
-                found = OPPOSED
+        found, facing, plain = OPEN, 1.0, limit
         if len(brr_tri) > 0:
+            ahead = min(limit, u * reach) if s >= 0 else limit
             q, v = first_hit(
-                brr_tri, brr_box, x, y, z, x + reach * nx, y + reach * ny, z + reach * nz, stack
+                brr_tri, brr_box, x, y, z, x + ahead * nx, y + ahead * ny, z + ahead * nz, stack
             )
-            if q >= 0 and (s < 0 or v < u):
+            if q >= 0:
                 c = nx * brr_tri[q, 9] + ny * brr_tri[q, 10] + nz * brr_tri[q, 11]
-                found = OPEN
-                if c > 0.64:
-                    free = v * reach
-                    found = REGION
-        if found == OPEN or free >= limit:
+                if c <= FACING:
+                    continue
+                found, plain = REGION, v * ahead
+        if c < AHEAD or (found == OPEN and u * reach * c / (1.0 + c) > FARTHER * limit):
             continue
-        nearer, _ = nearest(
-            tri, box, feet[i, 0] + free * nx, feet[i, 1] + free * ny, feet[i, 2] + free * nz, -1,
-            (0.93 * free) ** 2, stack, lower,
-        )  # fmt: skip
-        if nearer >= 0:
+        free = min(limit, 0.5 * u * reach) if s >= 0 else limit
+        if found == REGION:
+            free = plain
+        elif c > FACING:
+            plain = u * reach * c / (1.0 + c)
+        for _ in range(SHRINKS if found == OPEN else 0):
+            cx, cy, cz = feet[i, 0] + free * nx, feet[i, 1] + free * ny, feet[i, 2] + free * nz
+            bound = (free * (1.0 - NEARER)) ** 2
+            q, _ = nearest(tri, box, cx, cy, cz, s, bound, stack, lower)
+            if q < 0:
+                break
+            _, qx, qy, qz = closest(tri, q, cx, cy, cz)
+            qx, qy, qz = qx - feet[i, 0], qy - feet[i, 1], qz - feet[i, 2]
+            along = qx * nx + qy * ny + qz * nz
+            if along <= 0.0:
+                facing = -1.0
+                break
+            free = (qx * qx + qy * qy + qz * qz) / (2.0 * along)
+            facing = along / free - 1.0
+        if found == OPEN and facing > FACING and LEAST * limit < free < limit:
+            found = OPPOSED
+        elif plain < limit:
+            cx, cy, cz = feet[i, 0] + plain * nx, feet[i, 1] + plain * ny, feet[i, 2] + plain * nz
+            q, _ = nearest(tri, box, cx, cy, cz, -1, (BESIDE * plain) ** 2, stack, lower)
+            if q >= 0:
+                continue
+            free = plain
+            if found == OPEN:
+                found = OPPOSED
+        if found == OPEN:
             continue
         room[i] = free
         kind[i] = found

@@ -14,7 +14,7 @@ from vega_planner.layers.grid_kernels import INSIDE
 from vega_planner.parallel import map_threads
 
 #: Points of the part that are looked at; more change the ratios by less than 0.001.
-SAMPLES = 12000
+SAMPLES = 30000
 
 #: Axes of the lattice of these points, aslant of the planes that parts are made of: a
 #: lattice along a wall would weigh its depths unevenly.

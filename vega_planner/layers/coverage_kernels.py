@@ -28,7 +28,9 @@ def lay_triangle(vertices, a, b, c, normal, length, tri):
 
 @kernel
 def cover(vertices, faces, thickness, origin, spacing, shape, inside, covered):
-    """Mark the inside points of a lattice that lie within half the thickness of a face.
+    """Mark the inside points of a lattice that lie within half the thickness of a sheet.
+
+    What counts is the thickness of the face that is nearest.
 
     Args:
         vertices: Points along the axes of the lattice [mm], (n, 3).
@@ -47,6 +49,9 @@ def cover(vertices, faces, thickness, origin, spacing, shape, inside, covered):
     normal = np.zeros(3)
     tri = np.zeros((1, 16))
     first, last = np.zeros(3, np.int64), np.zeros(3, np.int64)
+    reach = 0.5 * thickness.max() + 1e-6
+    square = np.full(len(inside), reach * reach, np.float32)
+    within = np.full(len(inside), -1.0, np.float32)
     for f in range(len(faces)):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
         half = (thickness[a] + thickness[b] + thickness[c]) / 6.0
@@ -54,11 +59,10 @@ def cover(vertices, faces, thickness, origin, spacing, shape, inside, covered):
         material += length * half
         for k in range(3):
             p, q, r = vertices[a, k], vertices[b, k], vertices[c, k]
-            low, high = min(p, q, r) - half - origin[k], max(p, q, r) + half - origin[k]
-            first[k] = max(int(np.ceil(low / spacing - 1e-5)), 0)
-            last[k] = min(int(np.floor(high / spacing + 1e-5)), shape[k] - 1)
+            low, high = min(p, q, r) - reach - origin[k], max(p, q, r) + reach - origin[k]
+            first[k] = max(int(np.ceil(low / spacing)), 0)
+            last[k] = min(int(np.floor(high / spacing)), shape[k] - 1)
         laid = False
-        least = (half + 1e-6) ** 2
         for i in range(first[0], last[0] + 1):
             for j in range(first[1], last[1] + 1):
                 for k in range(first[2], last[2] + 1):
@@ -72,6 +76,14 @@ def cover(vertices, faces, thickness, origin, spacing, shape, inside, covered):
                     y = origin[1] + spacing * j
                     z = origin[2] + spacing * k
                     off = off_plane(tri, 0, x, y, z)
-                    if off * off <= least and measure(tri, 0, x, y, z)[0] <= least:
-                        covered[n] = 1
+                    least = np.float64(square[n])
+                    if off * off >= least:
+                        continue
+                    d2 = measure(tri, 0, x, y, z)[0]
+                    if d2 < least:
+                        square[n] = d2
+                        within[n] = (half + 1e-6) ** 2 - d2
+    for n in range(len(inside)):
+        if within[n] >= 0.0:
+            covered[n] = 1
     return material

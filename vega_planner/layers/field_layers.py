@@ -10,7 +10,7 @@ import numpy as np
 from vega_planner.datatypes import Bools, Floats, Ints, Layer, LayerStack, Part
 from vega_planner.errors import BadRestraint, NoLayers
 from vega_planner.layers.contour import Sheet, contour_levels
-from vega_planner.layers.core import SLIVER_RATIO, Core, fill_core
+from vega_planner.layers.core import LEANS, SLIVER_RATIO, Core, fill_core, leant
 from vega_planner.layers.coverage import coverage_ratios, spread_samples
 from vega_planner.layers.distance_field import DistanceField
 from vega_planner.layers.folds import folded_ears
@@ -33,6 +33,11 @@ MOST_NODES = 12e6
 #: Open share of the volume above which sharp edges are thickened.
 FILLED_RATIO = 0.0042
 
+#: Aims for what stays open and for what is laid twice: between them, nothing is done
+#: for the one that costs the other.
+OPEN_AIM = 0.0045
+FULL_RATIO = 0.0195
+
 #: Open share of the volume above which a person is told.
 OPEN_RATIO = 0.01
 
@@ -47,10 +52,7 @@ OPEN_WEIGHT = 4.0
 EARLY_GAIN = 1.3
 
 #: Thickenings of sharp edges, tried one after the other.
-CREASE_FACTORS = (1.12, 1.2, 1.3)
-
-#: Overfill above which sharp edges are not thickened further.
-FULL_RATIO = 0.0195
+CREASE_FACTORS = (1.04, 1.08, 1.1, 1.12, 1.16, 1.2, 1.25, 1.3)
 
 
 def grid_spacing(part: Part, t: float) -> float:
@@ -113,7 +115,7 @@ def field_layers(part: Part, settings: LayerSettings, report: Report) -> LayerSt
     core = Core.nothing(sheets, t)
     if settings.fill_core:
         core = fill_core(part, grid, field, brr, sheets, t)
-    layers = envelopes(sheets, core)
+    layers = envelopes(sheets, core, t)
     if not layers and not core.cores:
         raise NoLayers(f"no layer of t = {t:g} mm fits into part '{part.name}'")
     sheets_made = (*layers, *core.cores)
@@ -122,21 +124,34 @@ def field_layers(part: Part, settings: LayerSettings, report: Report) -> LayerSt
     if core.begins_early:
         # Keeping all levels as they are costs less than it gains where walls vary.
         kept = fill_core(part, grid, field, brr, sheets, t, staying_ratio=1.0)
-        all_layers = envelopes(sheets, kept)
+        all_layers = envelopes(sheets, kept, t)
         everything = (*all_layers, *kept.cores)
         open_then, over_then = coverage_ratios(part, samples, everything)
         if OPEN_WEIGHT * open_then + over_then < EARLY_GAIN * (OPEN_WEIGHT * uncovered + overfill):
-            layers, sheets_made = all_layers, everything
+            layers, sheets_made, core = all_layers, everything, kept
             uncovered, overfill = open_then, over_then
-    plain = sheets_made
-    for factor in CREASE_FACTORS:
+    for lean in LEANS[1:]:
         if not settings.fill_core or uncovered < FILLED_RATIO:
             break
-        thicker = tuple(thicker_creases(layer, factor) for layer in plain)
-        then = coverage_ratios(part, samples, thicker)
-        if factor > CREASE_FACTORS[0] and then[1] > FULL_RATIO:
-            break
-        sheets_made, (uncovered, overfill) = thicker, then
+        layers = envelopes(sheets, core, t, lean)
+        sheets_made = (*layers, *core.cores)
+        uncovered, overfill = coverage_ratios(part, samples, sheets_made)
+    if settings.fill_core and uncovered > FILLED_RATIO:
+        plain = sheets_made
+        sharp = map_threads(sharp_vertices, plain)
+        for factor in CREASE_FACTORS:
+            thicker = tuple(
+                replace(layer, thickness=np.where(edges, factor, 1.0) * layer.thickness)
+                for layer, edges in zip(plain, sharp)
+            )
+            then = coverage_ratios(part, samples, thicker)
+            if OPEN_WEIGHT * (uncovered - then[0]) < then[1] - overfill:
+                break
+            if uncovered < OPEN_AIM and then[1] > FULL_RATIO:
+                break
+            sheets_made, (uncovered, overfill) = thicker, then
+            if uncovered < FILLED_RATIO:
+                break
     if uncovered > OPEN_RATIO:
         warnings += (f"{uncovered:.1%} of the volume is covered by no layer",)
     return LayerStack(
@@ -151,7 +166,7 @@ def field_layers(part: Part, settings: LayerSettings, report: Report) -> LayerSt
     )
 
 
-def envelopes(sheets: list[Sheet], core: Core) -> list[Layer]:
+def envelopes(sheets: list[Sheet], core: Core, t: float, lean: float = LEANS[0]) -> list[Layer]:
     """Make layers of what stays of the level sets, as far as one is left."""
 
     def envelope(k: int) -> Layer:
@@ -164,7 +179,7 @@ def envelopes(sheets: list[Sheet], core: Core) -> list[Layer]:
             ears = folded_ears(sheet.vertices, sheet.faces[beside])
             kept = kept.copy()
             kept[beside[ears & (corners[beside] == 3)]] = False
-        vertices, faces, thickness = kept_faces(sheet, kept, core.thickness[k])
+        vertices, faces, thickness = kept_faces(sheet, kept, leant(core.room[k], t, lean))
         return Layer(
             index=k,
             kind="envelope",
@@ -180,27 +195,20 @@ def envelopes(sheets: list[Sheet], core: Core) -> list[Layer]:
     return layers
 
 
-def thicker_creases(layer: Layer, factor: float) -> Layer:
-    """Thicken a sheet along its sharp edges, so that beads reach into their corners.
+def sharp_vertices(layer: Layer) -> Bools:
+    """Mark the vertices on the sharp edges of a sheet, (n,).
 
     The outer corner between two bands is square, a bead's side is round. An eighth more
     thickness on the edge halves what stays open.
-
-    Args:
-        layer: The sheet.
-        factor: Thickening on the edges.
     """
-    if len(layer.faces) == 0:
-        return layer
-    normals = layer.face_normals
     spread = np.zeros((len(layer.vertices), 3))
     count = np.zeros(len(layer.vertices))
-    for corner in range(3):
-        np.add.at(spread, layer.faces[:, corner], normals)
-        np.add.at(count, layer.faces[:, corner], 1.0)
-    flatness = np.linalg.norm(spread, axis=1) / count
-    sharp = flatness < CREASE_FLATNESS
-    return replace(layer, thickness=layer.thickness * np.where(sharp, factor, 1.0))
+    normals = layer.face_normals
+    for corner in layer.faces.T:
+        count += np.bincount(corner, minlength=len(count))
+        for axis in range(3):
+            spread[:, axis] += np.bincount(corner, normals[:, axis], len(count))
+    return np.asarray(np.linalg.norm(spread, axis=1) < CREASE_FLATNESS * count)
 
 
 def kept_faces(sheet: Sheet, kept: Bools, thickness: Floats) -> tuple[Floats, Ints, Floats]:

@@ -13,6 +13,7 @@ from vega_planner.layers.contour import Sheet
 from vega_planner.layers.distance_field import DistanceField
 from vega_planner.layers.grid import Grid
 from vega_planner.layers.subdivide import split_long_edges
+from vega_planner.parallel import map_threads
 
 #: Sheets of the core end this far from the surface, in their depth: between the corners
 #: their round ends leave open and what bulges out.
@@ -21,7 +22,7 @@ END_RATIO = 0.75
 #: Rows of points along a triangle at most.
 MOST_ROWS = 32
 
-_CHUNK = 4096
+_CHUNK = 512
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +69,7 @@ def sheet_front(
     )  # fmt: skip
     chosen = np.flatnonzero(candidates)
     feet = sheet.vertices - sheet.depth * sheet.inward
-    room, kind = _measure(field, brr, feet[chosen], sheet.inward[chosen], sheet.depth + ahead)
+    room, kind = measure_rooms(field, brr, feet[chosen], sheet.inward[chosen], sheet.depth + ahead)
     rooms, opposed = np.full(count, np.inf), np.zeros(count, bool)
     rooms[chosen] = room
     opposed[chosen] = kind == kernels.OPPOSED
@@ -102,7 +103,7 @@ def thin_walls(
         grid.distance, grid.gradient, 0.0, 0, len(points), candidates,
     )  # fmt: skip
     chosen = np.flatnonzero(candidates)
-    room, _ = _measure(field, brr, points[chosen], inward[chosen], limit)
+    room, _ = measure_rooms(field, brr, points[chosen], inward[chosen], limit)
     thin = np.unique(owner[chosen[np.isfinite(room)]])
     used, faces = np.unique(surface[thin], return_inverse=True)
     vertices, faces = split_long_edges(
@@ -115,7 +116,7 @@ def thin_walls(
         np.add.at(inward, faces[:, corner], -cross)
     length = np.linalg.norm(inward, axis=1, keepdims=True)
     inward /= np.where(length > 0, length, 1.0)
-    room, kind = _measure(field, brr, vertices, inward, limit)
+    room, kind = measure_rooms(field, brr, vertices, inward, limit)
     measured = np.isfinite(room)
     front = Front(-1, vertices, faces, vertices, inward, room, kind == kernels.OPPOSED, measured)
     return _grown(front, field)
@@ -175,20 +176,37 @@ def _samples(corners: Floats, spacing: float) -> tuple[Ints, Floats]:
     return np.concatenate(owners), np.concatenate(points)
 
 
-def _measure(
+def measure_rooms(
     field: DistanceField, brr: DistanceField | None, feet: Floats, inward: Floats, limit: float
 ) -> tuple[Floats, Ints]:
-    """Run the room measurement over all rows."""
+    """Measure the room in front of points of S, as far as fronts oppose each other.
+
+    Args:
+        field: Distances to S.
+        brr: Distances to the restraint region, or None.
+        feet: Points of S [mm], shape (n, 3).
+        inward: Unit vectors into the part, shape (n, 3).
+        limit: Room beyond which nothing is wanted [mm].
+
+    Returns:
+        Room [mm], infinite where open, and what ends it, both of shape (n,).
+
+    Source:
+        [MaEtAl2012]_, shrinking balls.
+    """
     count = len(feet)
     room, kind = np.full(count, np.inf), np.zeros(count, np.int64)
     feet, inward = np.ascontiguousarray(feet), np.ascontiguousarray(inward, np.float64)
     brr_tri = brr.tri if brr else np.zeros((0, 16))
     brr_box = brr.box if brr else np.zeros((1, 6))
-    for first in range(0, count, _CHUNK):
+
+    def measure(first: int) -> None:
         kernels.measure_room(
             field.tri, field.box, brr_tri, brr_box, feet, inward, limit,
             first, min(first + _CHUNK, count), room, kind,
         )  # fmt: skip
+
+    map_threads(measure, range(0, count, _CHUNK))
     return room, kind
 
 
