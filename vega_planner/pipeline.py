@@ -188,7 +188,7 @@ def plan(
         part=part,
         cell=cell,
         stack=stack,
-        printability=with_body(with_check(order.report, check), body),
+        printability=with_body(with_check(order.report, check, assessment.report.reasons), body),
         patches=order.patches,
         toolpaths=toolpaths,
         trajectory=trajectory,

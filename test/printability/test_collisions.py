@@ -12,6 +12,7 @@ import pytest
 from vega_planner.datatypes import (
     PrintabilityReport,
     PrintTrajectory,
+    Reason,
     Toolpath,
     ToolpathSet,
     Travel,
@@ -182,6 +183,10 @@ def test_every_input_shows_in_the_certificate(plan):
 def test_a_plan_that_collides_is_not_called_printable():
     good = PrintabilityReport("fully", 1.0, 1.0, 1.0)
     assert with_check(good, check(joined(wall(4)))).status == good.status
+    seen = Reason("printed_part", 2, 5.0, (0.0, 0.0, 1.0), "split")
+    guessed = replace(seen, layer=3)
+    told = replace(good, reasons=(seen, guessed))
+    assert with_check(told, check(joined(wall(4))), [seen]).reasons == (seen,)
     bad = [*wall(20), line([-10, 1.3, 0.4], [10, 1.3, 0.4], patch=1)]
     report = with_check(good, check(joined(bad)))
     assert report.status == "not"

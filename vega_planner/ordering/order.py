@@ -265,7 +265,7 @@ def _with_sequence(base: PrintabilityReport, proven: Proven) -> PrintabilityRepo
         if area > 1.0:
             middle = patch.vertices.mean(0)
             where = (float(middle[0]), float(middle[1]), float(middle[2]))
-            remedy = "a substrate under it (vega substrate), or --brr down"
+            remedy = "a substrate under it (vega substrate), or a base to grow from (--brr)"
             reasons.append(Reason("no_support", patch.layer, float(area), where, remedy))
     reasons.sort(key=lambda reason: (-reason.area_mm2, reason.layer, reason.code))
     assert all(reason.code in REASON_CODES for reason in reasons)

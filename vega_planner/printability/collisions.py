@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -126,16 +126,27 @@ def too_much_left_out(check: CollisionCheck, report: PrintabilityReport) -> bool
     return check.colliding > 0 or check.left_out_ratio > most
 
 
-def with_check(report: PrintabilityReport, check: CollisionCheck) -> PrintabilityReport:
+def with_check(
+    report: PrintabilityReport, check: CollisionCheck, judged: Sequence[Reason] = ()
+) -> PrintabilityReport:
     """Take the outcome of the final check into the report: what collides is not printable.
 
     The check of every waypoint has the last word over the order's, which judges patches by
     their vertices before any path is laid. What had to be left out for it counts: more than
     `NEXT_TO_NOTHING` of the part and it is printable with that condition only, more than
     `LITTLE` and it is not.
+
+    Args:
+        report: The report on layers and order.
+        check: The check of every waypoint.
+        judged: The reasons of the layers alone, which stay: what they tell of has no path.
     """
     if not check.colliding:
-        kept = tuple(reason for reason in report.reasons if reason.code != "printed_part")
+        kept = tuple(
+            reason
+            for reason in report.reasons
+            if reason.code != "printed_part" or reason in judged
+        )
         return replace(report, status=_status(report, check.left_out_ratio), reasons=kept)
     reasons = list(report.reasons)
     for name in sorted(set(check.obstacle)):
