@@ -245,5 +245,8 @@ def test_what_collides_goes_in_the_end_however_much_it_is_and_counts_in_the_stat
     assert found.colliding == 0
     assert any("left out" in warning for warning in less.warnings)
     good = PrintabilityReport("fully", 1.0, 1.0, 1.0)
-    for ratio, status in ((0.0005, "fully"), (0.005, "conditionally"), (0.05, "not")):
+    for ratio, status in ((0.0005, "fully"), (0.005, "conditionally"), (0.03, "not")):
         assert with_check(good, replace(found, left_out_ratio=ratio)).status == status
+    for ratio, status in ((0.009, "conditionally"), (0.011, "not")):  # one adds to the other
+        lost = replace(good, status="conditionally", unprintable_ratio=0.01)
+        assert with_check(lost, replace(found, left_out_ratio=ratio)).status == status

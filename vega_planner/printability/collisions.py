@@ -41,9 +41,10 @@ GIVE_UP_MM, ENOUGH_MM = -0.02, 0.2
 #: Colliding waypoints of one pass that are asked for what they hit, at most about.
 HITS_LOOKED_AT = 20
 
-#: Volume over the part's that may be left out of a print that is what was asked for, and of
-#: one that is nearly so; the latter for the area the filters found unprintable, too.
-NEXT_TO_NOTHING, LITTLE = 0.001, 0.01
+#: Share of the part that may be left out of a print that is what was asked for; beyond which
+#: other ways of printing are tried; and beyond which, with what no tool reaches, it is not
+#: printable: the volume of a print is right to within as much.
+NEXT_TO_NOTHING, LITTLE, TOO_MUCH = 0.001, 0.01, 0.02
 
 #: Waypoints checked between two reports of progress.
 AT_ONCE = 8192
@@ -108,12 +109,12 @@ class CollisionCheck:
 
 
 def _status(report: PrintabilityReport, left_out: float) -> str:
-    lost = max(report.unprintable_ratio, left_out)
+    lost = report.unprintable_ratio + left_out
     if report.status == "fully" and left_out <= NEXT_TO_NOTHING:
         return "fully"
     if report.status == "not" and report.unprintable_ratio <= 0.0:
         return "not"
-    return "conditionally" if lost <= LITTLE else "not"
+    return "conditionally" if lost <= TOO_MUCH else "not"
 
 
 def too_much_left_out(check: CollisionCheck, report: PrintabilityReport) -> bool:
@@ -134,7 +135,7 @@ def with_check(
     The check of every waypoint has the last word over the order's, which judges patches by
     their vertices before any path is laid. What had to be left out for it counts: more than
     `NEXT_TO_NOTHING` of the part and it is printable with that condition only, more than
-    `LITTLE` and it is not.
+    `TOO_MUCH` together with what no tool reaches and it is not.
 
     Args:
         report: The report on layers and order.
