@@ -3,12 +3,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from vega_planner.layers import generate_layers
 from vega_planner.layers.distance_field import DistanceField
-from vega_planner.settings import LayerSettings
+from vega_planner.part import load_part
+from vega_planner.part.topology import connected_labels
+from vega_planner.progress import silent
+from vega_planner.settings import LayerSettings, PartSettings
 
 from .shapes import Solid, base, part_of
 
@@ -45,3 +50,12 @@ def test_a_dome_has_as_many_layers_wherever_the_grid_stands():
         assert last.vertices[:, 2].min() == pytest.approx(0.0, abs=1e-6)
         reach = 6.45 - last.depth_mm
         assert last.area == pytest.approx(2 * np.pi * reach**2, rel=0.25)
+
+
+def test_a_last_piece_that_the_grid_has_seen_in_part_is_not_laid_twice():
+    """The grid meets this dome's last level at nodes beside the summit only."""
+    mesh = Path(__file__).parents[2] / "parts" / "part1_dome.stl"
+    part = load_part(mesh, PartSettings(brr=("down",)), silent)
+    last = generate_layers(part, SETTINGS).layers[-1]
+    pieces = connected_labels(len(last.vertices), last.faces[:, ((0, 1), (1, 2))].reshape(-1, 2))
+    assert len(np.unique(pieces)) == 1

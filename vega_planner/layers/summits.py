@@ -15,6 +15,7 @@ from vega_planner.layers.contour import Sheet
 from vega_planner.layers.distance_field import DistanceField
 from vega_planner.layers.grid import Grid
 from vega_planner.layers.grid_kernels import INSIDE
+from vega_planner.part.topology import connected_labels
 
 #: Summits that are climbed; the deepest are the ones that matter.
 MOST_SUMMITS = 24
@@ -65,7 +66,8 @@ def with_summits(
                for m, p, _ in pieces[:number]):  # fmt: skip
             continue
         if level < len(sheets):
-            sheets[level] = _joined(_without(sheets[level], point, piece), piece)
+            rest = _without(sheets[level], point, piece, grid.spacing)
+            sheets[level] = sheets[level] if rest is None else _joined(rest, piece)
         elif level == len(sheets):
             sheets.append(piece)
     return sheets
@@ -224,18 +226,29 @@ def _nodes_within(grid: Grid, summit: Floats, piece: Sheet, level: int) -> int:
     return int(((grid.level[nodes] > level) & (grid.state[nodes] == INSIDE) & near).sum())
 
 
-def _without(sheet: Sheet, summit: Floats, piece: Sheet) -> Sheet:
-    """Leave out what the grid has made of a piece from nodes beyond the region alone."""
+def _without(sheet: Sheet, summit: Floats, piece: Sheet, h: float) -> Sheet | None:
+    """Leave out what the grid has made of a piece from nodes beyond the region alone.
+
+    Returns:
+        The rest of the sheet; None where what is there goes on beyond the piece by more than
+        the spacing h of the grid, which has seen it, then.
+    """
     reach = float(np.linalg.norm(piece.vertices - summit, axis=1).max())
-    near = np.linalg.norm(sheet.vertices - summit, axis=1) < 1.05 * reach
-    inside = near[sheet.faces]
-    if inside.any() and (inside.any(1) == inside.all(1)).all():
-        used, faces = np.unique(sheet.faces[~inside.all(1)], return_inverse=True)
-        return Sheet(
-            sheet.depth, sheet.vertices[used], faces.reshape(-1, 3), sheet.slots[used],
-            sheet.rim[used], sheet.inward[used],
-        )  # fmt: skip
-    return sheet
+    away = np.linalg.norm(sheet.vertices - summit, axis=1)
+    edges = sheet.faces[:, ((0, 1), (1, 2))].reshape(-1, 2)
+    label = connected_labels(len(away), edges)
+    met = np.zeros(len(away), np.bool_)
+    met[label[sheet.faces[(away < 1.05 * reach)[sheet.faces].any(axis=1)][:, 0]]] = True
+    gone = met[label]
+    if not gone.any():
+        return sheet
+    if away[gone].max() > reach + h:
+        return None
+    used, faces = np.unique(sheet.faces[~gone[sheet.faces[:, 0]]], return_inverse=True)
+    return Sheet(
+        sheet.depth, sheet.vertices[used], faces.reshape(-1, 3), sheet.slots[used],
+        sheet.rim[used], sheet.inward[used],
+    )  # fmt: skip
 
 
 def low_pieces(
