@@ -107,6 +107,14 @@ def digest(folder):
     return hashes
 
 
+def test_envelopes_are_printed_from_the_inside_out_and_none_floats(dome):
+    """However small the first ones are, and whatever slivers their rims have."""
+    kinds = [dome.stack.sheets[patch.layer].kind for patch in dome.patches]
+    order = [p.layer for p, kind in zip(dome.patches, kinds) if kind == "envelope"]
+    assert order == sorted(order, reverse=True)
+    assert not dome.printability.reasons
+
+
 def test_the_same_input_gives_the_same_bytes(dome_folder, tmp_path):
     again = plan_part("part1").write(tmp_path / "again")
     assert digest(again) == digest(dome_folder)

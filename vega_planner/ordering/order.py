@@ -226,8 +226,9 @@ def _is_turned(patch: Patch, sheet: Layer) -> bool:
     """Tell whether a patch is printed from the inner side of its sheet."""
     face = int(np.argmax(patch.face_areas))
     middle = patch.vertices[patch.faces[face]].mean(0)
-    nearest = int(np.argmin(((sheet.vertices - middle) ** 2).sum(1)))
-    return bool(patch.face_normals[face] @ sheet.vertex_normals[nearest] < 0)
+    away = sheet.vertices[sheet.faces].mean(1) - middle
+    nearest = int(np.argmin((away**2).sum(1)))
+    return bool(patch.face_normals[face] @ sheet.face_normals[nearest] < 0)
 
 
 def _keys(patches: Sequence[Patch], stack: LayerStack) -> list[tuple]:
