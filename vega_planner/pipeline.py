@@ -45,15 +45,10 @@ _ENDS = {
     "checks": 1.0,
 }
 
-#: Share of colliding waypoints beyond which layers cut into bands are tried first.
-MANY = 0.04
-
 #: Code that is loaded while the layers are computed.
 _LATER = (
-    "ordering",
-    "printability.collisions",
+    "clearance",
     "printability.pose",
-    "printability.repair",
     "printability.robot_body",
     "robot.workcell",
     "splitting",
@@ -103,18 +98,17 @@ def plan(
                 edge_angle_deg=settings.part.edge_angle_deg,
             )
 
+    from vega_planner.clearance import clear_toolpaths
     from vega_planner.ordering import order_patches
     from vega_planner.printability import assess_printability
     from vega_planner.printability.certificate import certificate
     from vega_planner.printability.collisions import (
         check_toolpaths,
-        too_much_left_out,
         with_check,
     )
     from vega_planner.printability.link_repair import clear_motion
     from vega_planner.printability.lower_substrate import with_lower_substrate
     from vega_planner.printability.pose import choose_pose
-    from vega_planner.printability.repair import resolve_collisions
     from vega_planner.printability.robot_body import BodyCheck, with_body
     from vega_planner.robot import load_cell
     from vega_planner.robot.placement import parse_pose
@@ -144,21 +138,9 @@ def plan(
     with stages.enter("toolpaths") as tell:
         toolpaths = lay_toolpaths(order.patches, stack, cell, settings.toolpaths, tell)
     with stages.enter("clearance") as tell:
-        policy, whole = settings.printability, len(order.patches) == len(patches)
-        whole &= policy.orientation == "collision-free" or order.report.status == "fully"
-        paths, check = resolve_collisions(
-            toolpaths, stack, cell, policy, tell, give_up_share=MANY if whole else 1.0
+        order, toolpaths, check = clear_toolpaths(
+            order, toolpaths, patches, assessment, stack, cell, settings, tell
         )
-        if whole and too_much_left_out(check, order.report):
-            # what does not go with whole layers may go with layers cut into bands
-            pieces = order_patches(patches, stack, cell, policy, tell, assessment, cut=True)
-            other = lay_toolpaths(pieces.patches, stack, cell, settings.toolpaths, tell)
-            other, found = resolve_collisions(other, stack, cell, policy, tell)
-            if check.colliding and too_much_left_out(found, pieces.report):
-                paths, check = resolve_collisions(toolpaths, stack, cell, policy, tell)
-            if (found.colliding, found.left_out_ratio) < (check.colliding, check.left_out_ratio):
-                order, paths, check = pieces, other, found
-        toolpaths = paths
         if settings.toolpaths.prime_mm > 0:
             toolpaths = with_prime_line(
                 toolpaths,

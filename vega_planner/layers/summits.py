@@ -15,7 +15,7 @@ from vega_planner.layers.contour import Sheet
 from vega_planner.layers.distance_field import DistanceField
 from vega_planner.layers.grid import Grid
 from vega_planner.layers.grid_kernels import INSIDE
-from vega_planner.part.topology import connected_labels
+from vega_planner.part.topology import connected_pieces
 
 #: Summits that are climbed; the deepest are the ones that matter.
 MOST_SUMMITS = 24
@@ -235,16 +235,14 @@ def _without(sheet: Sheet, summit: Floats, piece: Sheet, h: float) -> Sheet | No
     """
     reach = float(np.linalg.norm(piece.vertices - summit, axis=1).max())
     away = np.linalg.norm(sheet.vertices - summit, axis=1)
-    edges = sheet.faces[:, ((0, 1), (1, 2))].reshape(-1, 2)
-    label = connected_labels(len(away), edges)
-    met = np.zeros(len(away), np.bool_)
-    met[label[sheet.faces[(away < 1.05 * reach)[sheet.faces].any(axis=1)][:, 0]]] = True
-    gone = met[label]
+    piece_of, _ = connected_pieces(len(away), sheet.faces)
+    met = np.unique(piece_of[(away < 1.05 * reach)[sheet.faces].any(axis=1)])
+    gone = np.isin(piece_of, met)
     if not gone.any():
         return sheet
-    if away[gone].max() > reach + h:
+    if away[sheet.faces[gone]].max() > reach + h:
         return None
-    used, faces = np.unique(sheet.faces[~gone[sheet.faces[:, 0]]], return_inverse=True)
+    used, faces = np.unique(sheet.faces[~gone], return_inverse=True)
     return Sheet(
         sheet.depth, sheet.vertices[used], faces.reshape(-1, 3), sheet.slots[used],
         sheet.rim[used], sheet.inward[used],

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vega_planner.datatypes import Bools, Floats, Ints
+from vega_planner.part.surface_kernels import components
 
 
 @dataclass(frozen=True)
@@ -136,6 +137,20 @@ def connected_labels(count: int, pairs: Ints) -> Ints:
                 break
             labels = further
     return labels
+
+
+def connected_pieces(count: int, faces: Ints) -> tuple[Ints, int]:
+    """Number the connected pieces of a mesh, faces joined by a shared vertex.
+
+    Args:
+        count: Number of vertices.
+        faces: Vertex indices, shape (m, 3).
+
+    Returns:
+        The piece of each face, numbered by their first faces, shape (m,); their number.
+    """
+    piece = np.zeros(len(faces), np.int64)
+    return piece, int(components(count, np.ascontiguousarray(faces, np.int64), piece))
 
 
 def body_labels(faces: Ints) -> Ints:

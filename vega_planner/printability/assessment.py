@@ -27,7 +27,7 @@ from vega_planner.datatypes import (
     PrintabilityReport,
 )
 from vega_planner.parallel import map_threads
-from vega_planner.part.surface_kernels import components
+from vega_planner.part.topology import connected_pieces
 from vega_planner.printability.line_of_sight import Occluder
 from vega_planner.printability.material import EMPTY, DistanceField, Material, mesh_field
 from vega_planner.printability.orientation import orient, tilt_of
@@ -119,8 +119,7 @@ def with_upright_cores(stack: LayerStack) -> LayerStack:
     """Turn the pieces of core sheets that face down over: a core has no outer side."""
     cores = []
     for core in stack.cores:
-        piece = np.empty(len(core.faces), np.int64)
-        count = components(len(core.vertices), core.faces, piece)
+        piece, count = connected_pieces(len(core.vertices), core.faces)
         down = np.bincount(piece, core.face_normals[:, 2] * core.face_areas, count) < 0
         faces = core.faces.copy()
         faces[down[piece]] = faces[down[piece], ::-1]

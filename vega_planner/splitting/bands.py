@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from vega_planner.datatypes import Patch
-from vega_planner.part.surface_kernels import components
+from vega_planner.part.topology import connected_pieces
 from vega_planner.splitting.cut import Cut, cut_mesh
 
 #: Pieces smaller than this share of a squared layer thickness hold no bead.
@@ -56,8 +56,7 @@ def _part(patch: Patch, cut: Cut, chosen: np.ndarray) -> Patch | None:
 
 
 def _pieces(patch: Patch) -> list[Patch]:
-    piece = np.empty(len(patch.faces), np.int64)
-    count = components(len(patch.vertices), patch.faces, piece)
+    piece, count = connected_pieces(len(patch.vertices), patch.faces)
     least = CRUMB * float(patch.thickness.min()) ** 2
     found = []
     for k in range(count):

@@ -11,7 +11,7 @@ import numpy as np
 
 from vega_planner.datatypes import Floats, Ints, Layer, LayerStack, Patch, TriangleGeometry
 from vega_planner.parallel import map_threads
-from vega_planner.part.surface_kernels import components
+from vega_planner.part.topology import connected_pieces
 from vega_planner.printability.assessment import Assessment
 from vega_planner.printability.islands import neighbours_of
 from vega_planner.printability.sides import INSIDE, NEITHER, OUTSIDE, SheetAssessment
@@ -186,8 +186,7 @@ def _patches(piece: _Piece, side: int, number: int, crumb_mm2: float) -> list[Pa
     length = np.linalg.norm(axes, axis=1, keepdims=True)
     if np.abs(length - 1).max() > 1e-12:  # interpolated at a cut
         axes = axes / length
-    part = np.empty(len(piece.faces), np.int64)
-    count = components(len(piece.vertices), piece.faces, part)
+    part, count = connected_pieces(len(piece.vertices), piece.faces)
     if count == 1 and side == OUTSIDE and len(piece.faces) > 8:
         return [Patch(number, piece.vertices, piece.faces, piece.thickness, axes)]
     made = []

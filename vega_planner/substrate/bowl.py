@@ -16,7 +16,7 @@ import numpy as np
 
 from vega_planner.datatypes import Floats, Ints, Part, TriangleGeometry
 from vega_planner.errors import BadMesh, InvalidInput
-from vega_planner.part.surface_kernels import components
+from vega_planner.part.topology import connected_pieces
 from vega_planner.printability.line_of_sight import Occluder
 from vega_planner.substrate.skirts import rim_edges, skirts
 
@@ -78,8 +78,7 @@ def lower_side(part: Part) -> Ints:
     centres = part.vertices[part.faces[down]].mean(1)
     below = np.tile([0.0, 0.0, -1.0], (len(down), 1))
     down = down[~Occluder(part).blocks(centres, below)]
-    piece = np.empty(len(down), np.int64)
-    count = components(len(part.vertices), part.faces[down], piece)
+    piece, count = connected_pieces(len(part.vertices), part.faces[down])
     low = np.full(count, np.inf)
     np.minimum.at(low, piece, part.vertices[part.faces[down]][:, :, 2].min(1))
     area = np.bincount(piece, part.face_areas[down], count)
@@ -174,8 +173,7 @@ def _largest_piece(mesh: Any) -> tuple[Floats, Ints]:
     """The vertices and faces of the connected piece with the largest volume."""
     vertices = np.asarray(mesh.vert_properties)[:, :3]
     faces = np.asarray(mesh.tri_verts).astype(np.int64)
-    piece = np.empty(len(faces), np.int64)
-    count = components(len(vertices), faces, piece)
+    piece, count = connected_pieces(len(vertices), faces)
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     volume = np.bincount(piece, np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0, count)
     used, new = np.unique(faces[piece == np.argmax(volume)], return_inverse=True)

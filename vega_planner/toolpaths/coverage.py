@@ -5,17 +5,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from vega_planner.datatypes import Floats, LayerStack, Patch, Toolpath, ToolpathSet, row_lengths
 from vega_planner.toolpaths.bead import fill_spacing, section_area
 from vega_planner.toolpaths.coverage_kernels import (
-    bucket_segments,
     distance_to_segments,
     gaps_beside,
 )
+from vega_planner.toolpaths.segment_cells import Cells, cells_around
 
 #: Area farther than this from any pass counts as uncovered, in spacings: just over the
 #: half that a neighbour covers.
@@ -47,18 +46,14 @@ class _Grid:
 
     lines: tuple[Floats, Floats]
     axes: Floats
-    cells: tuple[Any, ...]
+    cells: Cells
 
     @classmethod
     def of(cls, paths: Sequence[Toolpath], size: float) -> _Grid:
         a = np.concatenate([path.points[:-1] for path in paths])
         b = np.concatenate([path.points[1:] for path in paths])
         axes = np.concatenate([path.axes[:-1] for path in paths])
-        corner = np.minimum(a.min(0), b.min(0)) - size
-        high = np.maximum(a.max(0), b.max(0)) + size
-        shape = np.ceil((high - corner) / size).astype(np.int64) + 1
-        begin, items = bucket_segments(a, b, corner, size, shape)
-        return cls((a, b), axes, (begin, items, corner, size, shape))
+        return cls((a, b), axes, cells_around(a, b, size))
 
 
 def surface_samples(patch: Patch, step: float) -> tuple[Floats, Floats]:
@@ -109,8 +104,7 @@ def uncovered_area(
     points, areas = surface_samples(patch, step_mm)
     grid = _Grid.of(paths, max(1.01 * reach_mm, 0.5))
     a, b = grid.lines
-    begin, items, corner, size, shape = grid.cells
-    distance = distance_to_segments(points, a, b, begin, items, corner, size, shape)
+    distance = distance_to_segments(points, a, b, *grid.cells)
     return float(areas[distance > reach_mm].sum())
 
 
@@ -133,8 +127,7 @@ def pass_gaps(paths: Sequence[Toolpath], spacing_mm: float) -> tuple[Floats, Flo
     least, most = 0.3 * spacing_mm, 1.6 * spacing_mm
     grid = _Grid.of(paths, most)
     a, b = grid.lines
-    begin, items, corner, size, shape = grid.cells
-    gaps, way = gaps_beside(a, b, grid.axes, begin, items, corner, size, shape, least, most)
+    gaps, way = gaps_beside(a, b, grid.axes, *grid.cells, least, most)
     length = row_lengths(b - a)
     wide = np.argwhere(gaps > spacing_mm)
     if len(wide):
@@ -142,9 +135,8 @@ def pass_gaps(paths: Sequence[Toolpath], spacing_mm: float) -> tuple[Floats, Flo
         part = (np.arange(_ACROSS) + 0.5) / _ACROSS
         middle = 0.5 * (a[row] + b[row])
         points = middle[:, None] + part[:, None] * way[row, side][:, None]
-        near = distance_to_segments(
-            points.reshape(-1, 3), a, b, begin, items, corner, size, shape
-        ).reshape(len(wide), _ACROSS)
+        near = distance_to_segments(points.reshape(-1, 3), a, b, *grid.cells)
+        near = near.reshape(len(wide), _ACROSS)
         gaps[row, side] = np.minimum(gaps[row, side], 2.0 * near.max(1))
     has = gaps > 0
     return gaps[has] / spacing_mm, np.column_stack([length, length])[has]

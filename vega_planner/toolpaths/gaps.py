@@ -6,9 +6,10 @@ from __future__ import annotations
 import numpy as np
 
 from vega_planner.datatypes import Bools, Floats
-from vega_planner.toolpaths.coverage_kernels import bucket_segments, distance_to_segments
+from vega_planner.toolpaths.coverage_kernels import distance_to_segments
 from vega_planner.toolpaths.isolines import AXIS, CELL, POSITION, Line, isolines, off_levels
 from vega_planner.toolpaths.polyline_kernels import middle_line
+from vega_planner.toolpaths.segment_cells import cells_within
 from vega_planner.toolpaths.surface import Surface
 
 #: A place farther than this from any line, in spacings, gets a line of its own. It is
@@ -86,9 +87,7 @@ def distances_to_lines(points: Floats, lines: list[Line], limit: float) -> Float
     a, b = a[near], b[near]
     if not len(a):
         return np.full(len(points), limit)
-    shape = np.ceil((high - low) / limit).astype(np.int64) + 1
-    begin, items = bucket_segments(a, b, low, limit, shape)
-    return distance_to_segments(points, a, b, begin, items, low, limit, shape)
+    return distance_to_segments(points, a, b, *cells_within(a, b, low, high, limit))
 
 
 def middle_of(loop: Line, level: int, spacing: float, shortest: float = _SHORTEST) -> Line | None:

@@ -13,9 +13,10 @@ import numpy as np
 
 from vega_planner.datatypes import Floats, Ints, row_lengths
 from vega_planner.toolpaths.carrier import Carrier
-from vega_planner.toolpaths.coverage_kernels import bucket_segments, distance_to_segments
+from vega_planner.toolpaths.coverage_kernels import distance_to_segments
 from vega_planner.toolpaths.isolines import AXIS, CELL, NORMAL, POSITION, RIM, Line
 from vega_planner.toolpaths.linking import Pass
+from vega_planner.toolpaths.segment_cells import cells_around
 
 #: An end is moved as long as a circle of this radius fits in beside it, in spacings: a
 #: little less than half of the widest gap that is allowed.
@@ -182,9 +183,7 @@ def _ways_out(
     inner[begin[1:-1] - 1] = False
     a, b = position[:-1][inner], position[1:][inner]
     size = 1.1 * radius
-    corner = np.minimum(a.min(0), b.min(0)) - size
-    shape = np.ceil((np.maximum(a.max(0), b.max(0)) + size - corner) / size).astype(np.int64) + 1
-    grid = (*bucket_segments(a, b, corner, size, shape), corner, size, shape)
+    cells = cells_around(a, b, size)
     normals = normals / row_lengths(normals)[:, None]
     u = np.cross(normals, np.eye(3)[np.argmin(np.abs(normals), axis=1)])
     u /= row_lengths(u)[:, None]
@@ -192,7 +191,7 @@ def _ways_out(
     turn = 2.0 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
     ways = np.cos(turn)[:, None] * u[:, None] + np.sin(turn)[:, None] * v[:, None]
     centres = (position[at][:, None] + radius * ways).reshape(-1, 3)
-    free = np.flatnonzero(distance_to_segments(centres, a, b, *grid) > 0.99 * radius)
+    free = np.flatnonzero(distance_to_segments(centres, a, b, *cells) > 0.99 * radius)
     if len(free):
         free = free[carrier.column(centres[free], RIM) > _INSIDE * spacing]
     owner = free // _DIRECTIONS

@@ -8,7 +8,6 @@ import numpy as np
 from vega_planner.datatypes import Floats, Ints
 from vega_planner.toolpaths.carrier import Carrier
 from vega_planner.toolpaths.coverage_kernels import (
-    bucket_segments,
     distance_to_segments,
     gaps_beside,
 )
@@ -16,6 +15,7 @@ from vega_planner.toolpaths.gaps import lines_in_gaps
 from vega_planner.toolpaths.isolines import AXIS, POSITION, RIM, Line
 from vega_planner.toolpaths.linking import Pass
 from vega_planner.toolpaths.polyline_kernels import line_length
+from vega_planner.toolpaths.segment_cells import cells_around
 from vega_planner.toolpaths.surface import Surface
 
 #: A strip between this and that wide, in spacings, is a wedge; where it is wider there is
@@ -63,15 +63,13 @@ def wedge_lines(
     b = np.concatenate([end[:, POSITION] for _, end in ends])
     axes = np.concatenate([start[:, AXIS] for start, _ in ends])
     size = _BROAD * spacing
-    corner = np.minimum(a.min(0), b.min(0)) - size
-    shape = np.ceil((np.maximum(a.max(0), b.max(0)) + size - corner) / size).astype(np.int64) + 1
-    grid = (*bucket_segments(a, b, corner, size, shape), corner, size, shape)
-    gaps, ways = gaps_beside(a, b, axes, *grid, _SAME * spacing, size)
+    cells = cells_around(a, b, size)
+    gaps, ways = gaps_beside(a, b, axes, *cells, _SAME * spacing, size)
     gap, way = gaps[:count, 0], ways[:count, 0]
     middle = 0.5 * (a[:count] + b[:count] + way)
     wide = gap > _NARROW * spacing
     bare = np.zeros(count)
-    bare[wide] = distance_to_segments(middle[wide], a, b, *grid)
+    bare[wide] = distance_to_segments(middle[wide], a, b, *cells)
     wide &= 2.0 * bare > _NARROW * spacing
     if not wide.any():
         return []

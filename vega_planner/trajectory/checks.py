@@ -15,7 +15,8 @@ import numpy as np
 from vega_planner.datatypes import Bools, Floats, Ints, PrintTrajectory, ToolpathSet
 from vega_planner.robot.robot import Robot
 from vega_planner.robot.workcell import Workcell
-from vega_planner.toolpaths.coverage_kernels import bucket_segments, distance_to_segments
+from vega_planner.toolpaths.coverage_kernels import distance_to_segments
+from vega_planner.toolpaths.segment_cells import cells_within
 
 #: Places between two samples at which the curve is looked at.
 _PLACES = (0.25, 0.5, 0.75)
@@ -120,9 +121,8 @@ def _distances(points: Floats, path: Floats) -> Floats:
     """Distances of points from a polyline."""
     a, b = path[:-1], path[1:]
     low = points.min(0) - _CELL_MM
-    shape = np.ceil((points.max(0) - low) / _CELL_MM).astype(np.int64) + 1
-    begin, items = bucket_segments(a, b, low, _CELL_MM, shape)
-    distance = distance_to_segments(points, a, b, begin, items, low, _CELL_MM, shape)
+    cells = cells_within(a, b, low, points.max(0), _CELL_MM)
+    distance = distance_to_segments(points, a, b, *cells)
     for lost in np.flatnonzero(distance >= _CELL_MM):  # farther than the cells can tell
         edge, from_a = b - a, points[lost] - a
         along = np.einsum("ij,ij->i", from_a, edge)
