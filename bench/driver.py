@@ -229,6 +229,7 @@ def main() -> int:
     }
     print(json.dumps(details, indent=2))
     if options.output:
+        options.output.mkdir(parents=True, exist_ok=True)
         (options.output / "driver.md").write_text(page.written(rows, figures, details))
         print(f"written: {options.output / 'driver.md'}")
     return 0 if all(met for _, _, met in figures.values()) else 1
