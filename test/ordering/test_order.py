@@ -9,7 +9,10 @@ import numpy as np
 import pytest
 
 from vega_planner.ordering import order_patches
+from vega_planner.ordering.proof import proven_order
+from vega_planner.ordering.task import OrderTask
 from vega_planner.printability import assess_printability
+from vega_planner.printability.tool_shape import ToolShape
 from vega_planner.progress import silent
 from vega_planner.settings import PrintabilitySettings
 from vega_planner.splitting import split_layers
@@ -101,3 +104,21 @@ def test_nothing_to_order_is_an_empty_order(envelopes):
     stack = envelopes.dome()
     order = order_patches((), stack, envelopes.default_cell(), SETTINGS, silent)
     assert order.patches == () and order.violations() == ()
+
+
+def test_an_order_is_given_up_as_soon_as_it_costs_more_than_it_may(envelopes):
+    """Upside down every shell but the innermost floats on what is not there yet."""
+    stack, cell = envelopes.dome(), envelopes.default_cell()
+    assessment, patches, _ = planned(stack, cell)
+    task = OrderTask(
+        stack, cell, SETTINGS, assessment.surroundings, ToolShape.of(cell.tool), assessment
+    )
+    graph = task.graph(patches)
+    order = sorted(range(len(patches)), key=lambda node: -patches[node].layer)
+    good = proven_order(task, graph, order, silent)
+    assert good is not None and good.cost == 0
+    bad = proven_order(task, graph, order[::-1], silent)
+    assert bad is not None and bad.cost > 0.5 * sum(patch.area for patch in patches)
+    assert proven_order(task, graph, order[::-1], silent, 0.99 * bad.cost) is None
+    again = proven_order(task, graph, order[::-1], silent, 1.01 * bad.cost)
+    assert again is not None and again.cost == bad.cost
