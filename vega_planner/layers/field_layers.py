@@ -3,18 +3,19 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from vega_planner.datatypes import Bools, Floats, Ints, Layer, LayerStack, Part
 from vega_planner.errors import BadRestraint, NoLayers
 from vega_planner.layers.contour import Sheet, contour_levels
-from vega_planner.layers.core import LEANS, SLIVER_RATIO, Core, fill_core, leant
-from vega_planner.layers.coverage import coverage_ratios, spread_samples
+from vega_planner.layers.core import SLIVER_RATIO, Core, fill_core, leant
 from vega_planner.layers.distance_field import DistanceField
+from vega_planner.layers.filling import fill
 from vega_planner.layers.folds import folded_ears
 from vega_planner.layers.geodesic import Sources, bend_distances, is_convex_at_region
 from vega_planner.layers.grid import finish, sample_part
-from vega_planner.layers.mitre import mitred
 from vega_planner.layers.refine import refine_sheet
 from vega_planner.layers.summits import with_summits
 from vega_planner.layers.tidy import tidy_sheet
@@ -29,22 +30,8 @@ SPACING_RATIO = 0.65
 MOST_VERTICES = 3e6
 MOST_NODES = 12e6
 
-#: Open share of the volume above which sharp edges are mitred and thicknesses lean.
-FILLED_RATIO = 0.0042
-
-#: Aims for what stays open and for what is laid twice: between them, nothing is done
-#: for the one that costs the other.
-OPEN_AIM = 0.0045
-FULL_RATIO = 0.0195
-
 #: Open share of the volume above which a person is told.
 OPEN_RATIO = 0.01
-
-#: How much worse an open volume is than as much laid twice.
-OPEN_WEIGHT = 4.0
-
-#: Levels stay as they are unless the core that begins early is better by this factor.
-EARLY_GAIN = 1.3
 
 
 def grid_spacing(part: Part, t: float) -> float:
@@ -104,55 +91,33 @@ def field_layers(part: Part, settings: LayerSettings, report: Report) -> LayerSt
     sheets = map_threads(
         lambda sheet: tidy_sheet(refine_sheet(sheet, grid, sources, brr), sources, t), sheets
     )
-    core = Core.nothing(sheets, t)
+    ways = [Core.nothing(sheets, t)]
     if settings.fill_core:
-        core = fill_core(part, grid, field, brr, sheets, t)
-    layers = envelopes(sheets, core, t)
-    if not layers and not core.cores:
+        ways = [fill_core(part, grid, field, brr, sheets, t)]
+        if ways[0].begins_early:
+            # Keeping all levels as they are costs less than it gains where walls vary.
+            ways.append(fill_core(part, grid, field, brr, sheets, t, staying_ratio=1.0))
+    if not any(kept.any() for kept in ways[0].kept) and not ways[0].cores:
         raise NoLayers(f"no layer of t = {t:g} mm fits into part '{part.name}'")
-    sheets_made = (*layers, *core.cores)
-    samples = spread_samples(part)
-    uncovered, overfill = coverage_ratios(part, samples, sheets_made)
-    if core.begins_early:
-        # Keeping all levels as they are costs less than it gains where walls vary.
-        kept = fill_core(part, grid, field, brr, sheets, t, staying_ratio=1.0)
-        all_layers = envelopes(sheets, kept, t)
-        everything = (*all_layers, *kept.cores)
-        open_then, over_then = coverage_ratios(part, samples, everything)
-        if OPEN_WEIGHT * open_then + over_then < EARLY_GAIN * (OPEN_WEIGHT * uncovered + overfill):
-            layers, sheets_made, core = all_layers, everything, kept
-            uncovered, overfill = open_then, over_then
-    at_depth = field if len(sources.box) else None
-    for lean in LEANS:
-        if not settings.fill_core or uncovered < FILLED_RATIO:
-            break
-        if lean > LEANS[0]:
-            layers = envelopes(sheets, core, t, lean)
-        joined = (
-            *map_threads(lambda sheet: mitred(sheet, t, at_depth), layers),
-            *map_threads(lambda sheet: mitred(sheet, t), core.cores),
-        )
-        then = coverage_ratios(part, samples, joined)
-        if OPEN_WEIGHT * (uncovered - then[0]) < then[1] - overfill:
-            break
-        if uncovered < OPEN_AIM and then[1] > FULL_RATIO:
-            break
-        sheets_made, (uncovered, overfill) = joined, then
-    if uncovered > OPEN_RATIO:
-        warnings += (f"{uncovered:.1%} of the volume is covered by no layer",)
+    straight = len(sources.box) > 0
+    filling = fill(
+        part, ways, partial(envelopes, sheets, t=t), field, t, straight, settings.fill_core
+    )
+    if filling.uncovered > OPEN_RATIO:
+        warnings += (f"{filling.uncovered:.1%} of the volume is covered by no layer",)
     return LayerStack(
         part=part,
         engine="field",
         thickness_mm=t,
-        layers=sheets_made[: len(layers)],
-        cores=sheets_made[len(layers) :],
-        uncovered_ratio=uncovered,
-        overfill_ratio=overfill,
+        layers=filling.layers,
+        cores=filling.cores,
+        uncovered_ratio=filling.uncovered,
+        overfill_ratio=filling.overfill,
         warnings=warnings,
     )
 
 
-def envelopes(sheets: list[Sheet], core: Core, t: float, lean: float = LEANS[0]) -> list[Layer]:
+def envelopes(sheets: list[Sheet], core: Core, lean: float, *, t: float) -> list[Layer]:
     """Make layers of what stays of the level sets, as far as one is left."""
 
     def envelope(k: int) -> Layer:

@@ -9,7 +9,7 @@ joint on the sharp edge itself, and as thick as the bands a little beside it.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,7 +19,10 @@ from vega_planner.layers.distance_field import DistanceField
 from vega_planner.layers.subdivide import split_flagged
 
 #: Edges are sharp from this angle between the faces on; below it next to nothing is open.
-SHARP = np.radians(35.0)
+SHARP = np.radians(50.0)
+
+#: Up to this angle between the faces, the middle of an edge is on the level set.
+EVEN = np.radians(10.0)
 
 #: Width of the strip along a sharp edge over which the thickness falls, in t.
 STRIP_RATIO = 1 / 32
@@ -31,7 +34,7 @@ FLAT_RATIO = 1 / 32
 LONGEST = 3.0
 
 #: Edges are not split where their middle is farther than this from the level set [mm].
-OFF_MM = 0.02
+OFF_MM = 0.01
 
 #: How much more than the joint the edge itself is, so that the faces beside it, which
 #: have one corner off it, are as thick as the joint.
@@ -41,8 +44,53 @@ RAISED = 1.5
 MOST = 1.5
 
 
-def mitred(layer: Layer, t: float, field: DistanceField | None = None) -> Layer:
-    """Give a sheet the thickness of mitred joints along its sharp edges.
+@dataclass(frozen=True, eq=False)
+class Strips:
+    """A sheet with a narrow strip of faces on both sides of its sharp edges.
+
+    Attributes:
+        vertices: Points [mm], those of the sheet first, shape (n, 3).
+        faces: Vertex indices, shape (m, 3).
+        ends: Vertices between which each new point lies, shape (k, 2).
+        share: How far from the first to the second, shape (k,).
+        bend: Angle between the normals at the vertices, 0 where not sharp [rad], shape (n,).
+    """
+
+    vertices: Floats
+    faces: Ints
+    ends: Ints
+    share: Floats
+    bend: Floats
+
+    def on(self, layer: Layer, t: float) -> Layer:
+        """Give the sheet the thickness of mitred joints; `bead_thickness` stays.
+
+        Args:
+            layer: The sheet, with its vertices in the same order.
+            t: Nominal layer thickness [mm].
+        """
+        if len(self.ends) == 0:
+            return layer
+        thickness = layer.thickness
+        first = len(thickness)
+        plain = np.concatenate([thickness, np.zeros(len(self.ends))])
+        for rows in (self.ends.max(1) < first, self.ends.max(1) >= first):
+            # points between new points come after those
+            a, b = plain[self.ends[rows]].T
+            plain[first:][rows] = a + self.share[rows] * (b - a)
+        joint = 1 + RAISED * (1 / np.cos(np.minimum(self.bend, 0.9 * np.pi) / 2) - 1)
+        raised = np.minimum(plain * joint, np.maximum(plain, MOST * t))
+        return replace(
+            layer,
+            vertices=self.vertices,
+            faces=self.faces,
+            thickness=raised,
+            mitre=raised / plain,
+        )
+
+
+def find_strips(layer: Layer, t: float, field: DistanceField | None = None) -> Strips:
+    """Lay strips along the sharp edges of a sheet.
 
     Args:
         layer: The sheet.
@@ -50,70 +98,65 @@ def mitred(layer: Layer, t: float, field: DistanceField | None = None) -> Layer:
         field: Distances to S for a sheet whose points must stay at its depth, or None.
 
     Returns:
-        The sheet with a narrow strip of faces on both sides of its sharp edges, which are
-        thicker there; `bead_thickness` stays. The same sheet where it has no sharp edge.
+        The strips; without any new point where no edge is sharp.
     """
-    vertices, faces, thickness = layer.vertices, layer.faces, layer.thickness
-    if len(faces) == 0:
-        return layer
+    vertices, faces = layer.vertices, layer.faces
+    none = np.zeros((0, 2), np.int64)
+    bend, along, crease = _creases(vertices, faces, t)
+    if not bend.any():
+        return Strips(vertices, faces, none, np.zeros(0), bend)
+    width, depth = STRIP_RATIO * t, layer.depth_mm
+    # Faces that only touch sharp edges all round get a middle that is not sharp.
+    flagged = np.zeros(faces.shape, np.uint8)
+    kernels.flag_edges(vertices, faces, bend, crease, 2, 2 * width, flagged)
+    _keep_at_depth(flagged, flagged, vertices, faces, field, depth)
+    faces, middles = split_flagged(faces, len(vertices), flagged)
+    vertices = np.concatenate([vertices, vertices[middles].mean(1)])
+    bend = np.concatenate([bend, np.zeros(len(middles))])
+    along = np.concatenate([along, np.zeros((len(middles), 3))])
+    _, _, crease = _creases(vertices, faces, t)
+    flagged = np.zeros(faces.shape, np.uint8)
+    kernels.flag_edges(vertices, faces, bend, np.zeros_like(crease), 1, 2 * width, flagged)
+    _keep_at_depth(flagged, crease == 1, vertices, faces, field, depth)
+    faces, ends = split_flagged(faces, len(vertices), flagged)
+    sharp = np.where(bend[ends[:, 0]] > 0, ends[:, 0], ends[:, 1])
+    other = ends.sum(1) - sharp
+    away = vertices[other] - vertices[sharp]
+    length, height = row_lengths(away), row_lengths(np.cross(away, along[sharp]))
+    share = np.minimum(width / np.clip(height, length / LONGEST, length), 0.5)
+    return Strips(
+        np.concatenate([vertices, vertices[sharp] + share[:, None] * away]),
+        faces,
+        np.concatenate([middles, np.column_stack([sharp, other])]),
+        np.concatenate([np.full(len(middles), 0.5), share]),
+        np.concatenate([bend, np.zeros(len(ends))]),
+    )
+
+
+def _creases(vertices: Floats, faces: Ints, t: float) -> tuple[Floats, Floats, np.ndarray]:
+    """Find the sharp edges: bend and direction at the vertices, and flags of the sides."""
     bits = int(4 * len(faces)).bit_length()
     bend, along = np.zeros(len(vertices)), np.zeros(vertices.shape)
     crease = np.zeros(faces.shape, np.uint8)
     kernels.find_creases(
-        vertices, faces, np.cos(SHARP), FLAT_RATIO * t, bits, np.full(1 << bits, -1),
-        np.zeros(1 << bits, np.int64), bend, along, crease,
+        vertices, faces, np.cos(SHARP), np.cos(EVEN), FLAT_RATIO * t, bits,
+        np.full(1 << bits, -1), np.zeros(1 << bits, np.int64), bend, along, crease,
     )  # fmt: skip
-    if not bend.any():
-        return layer
-    width = STRIP_RATIO * t
-    # Faces that only touch sharp edges all round get a middle that is not sharp.
-    depth = layer.depth_mm
-    faces, ends = _split(vertices, faces, bend, crease, 2, 2 * width, field, depth)
-    vertices = np.concatenate([vertices, vertices[ends].mean(1)])
-    thickness = np.concatenate([thickness, thickness[ends].mean(1)])
-    bend = np.concatenate([bend, np.zeros(len(ends))])
-    crease = np.zeros(faces.shape, np.uint8)
-    faces, ends = _split(vertices, faces, bend, crease, 1, 2 * width, field, depth)
-    sharp = np.where(bend[ends[:, 0]] > 0, ends[:, 0], ends[:, 1])
-    plain = ends.sum(1) - sharp
-    away = vertices[plain] - vertices[sharp]
-    length, height = row_lengths(away), row_lengths(np.cross(away, along[sharp]))
-    share = width / np.clip(height, length / LONGEST, length)
-    share = np.minimum(share, 0.5)
-    beside = thickness[sharp] + share * (thickness[plain] - thickness[sharp])
-    joint = 1 + RAISED * (1 / np.cos(np.minimum(bend, 0.9 * np.pi) / 2) - 1)
-    raised = np.minimum(thickness * joint, np.maximum(thickness, MOST * t))
-    mitre = np.concatenate([raised / thickness, np.ones(len(beside))])
-    return replace(
-        layer,
-        vertices=np.concatenate([vertices, vertices[sharp] + share[:, None] * away]),
-        faces=faces,
-        thickness=np.concatenate([raised, beside]),
-        mitre=mitre,
-    )
+    return bend, along, crease
 
 
-def _split(
+def _keep_at_depth(
+    flagged: np.ndarray,
+    doubtful: np.ndarray,
     vertices: Floats,
     faces: Ints,
-    bend: Floats,
-    crease: np.ndarray,
-    ends: int,
-    shortest: float,
     field: DistanceField | None,
     depth: float,
-) -> tuple[Ints, Ints]:
-    """Split edges that leave sharp vertices, except where their middles are off the level set.
-
-    Returns:
-        The faces, and the ends of the edges that were split.
-    """
-    flagged = np.zeros(faces.shape, np.uint8)
-    found = kernels.flag_edges(vertices, faces, bend, crease, ends, shortest, flagged)
-    if found and field is not None:
-        rows, sides = np.nonzero(flagged)
-        first, second = faces[rows, sides], faces[rows, (sides + 1) % 3]
-        off = np.abs(field.distances((vertices[first] + vertices[second]) / 2) - depth)
-        flagged[rows, sides] = off < OFF_MM
-        found = int((off < OFF_MM).sum())
-    return split_flagged(faces, len(vertices), flagged, found)
+) -> None:
+    """Take the flag from doubtful edges whose middles are off the level set, in place."""
+    if field is None:
+        return
+    rows, sides = np.nonzero((flagged > 0) & (doubtful > 0))
+    first, second = faces[rows, sides], faces[rows, (sides + 1) % 3]
+    off = np.abs(field.distances((vertices[first] + vertices[second]) / 2) - depth)
+    flagged[rows, sides] = off < OFF_MM

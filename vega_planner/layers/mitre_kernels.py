@@ -12,20 +12,21 @@ from vega_planner.part.surface_kernels import cross_of
 
 
 @kernel
-def find_creases(vertices, faces, most, flat, bits, keys, owner, bend, along, crease):
+def find_creases(vertices, faces, most, even, flat, bits, keys, owner, bend, along, crease):
     """Find the edges over which a sheet bends outwards, convexly.
 
     Args:
         vertices: Points [mm], (n, 3).
         faces: Vertex indices, (m, 3).
         most: Cosine between the normals below which an edge is sharp.
+        even: Cosine below which the middle of an edge may be off the level set.
         flat: Height of the faces below which their normals mean nothing [mm].
         bits: Bits of the table.
         keys: Scratch: table of edges, -1 at first, (2^bits,).
         owner: Scratch: the side that named each edge first, (2^bits,).
         bend: Result: largest angle between the normals at each vertex [rad], 0 at first, (n,).
         along: Result: direction of the sharpest edge at each vertex, (n, 3).
-        crease: Result: 1 for sides on a sharp edge, 0 at first, (m, 3).
+        crease: Result: 2 for sides on a sharp edge, 1 on one that is not even, (m, 3).
     """
     mask = (1 << bits) - 1
     normal, other = np.zeros(3), np.zeros(3)
@@ -52,10 +53,13 @@ def find_creases(vertices, faces, most, flat, bits, keys, owner, bend, along, cr
             if min(length, across) <= flat * np.sqrt(side):
                 continue
             cosine /= length * across
+            if cosine < even:
+                crease[f, c] = 1
+                crease[g, e] = 1
             if cosine >= most or rise >= 0.0:
                 continue
-            crease[f, c] = 1
-            crease[g, e] = 1
+            crease[f, c] = 2
+            crease[g, e] = 2
             angle = np.arccos(max(cosine, -1.0))
             for v in (a, b):
                 if angle > bend[v]:
@@ -72,7 +76,7 @@ def flag_edges(vertices, faces, bend, crease, ends, shortest, flagged):
         vertices: Points [mm], (n, 3).
         faces: Vertex indices, (m, 3).
         bend: Positive at sharp vertices, (n,).
-        crease: 1 for sides on a sharp edge, (m, 3).
+        crease: 2 for sides on a sharp edge, (m, 3).
         ends: How many of its ends are sharp, 1 or 2.
         shortest: Length from which an edge is flagged [mm].
         flagged: Result, 0 at first, (m, 3).
@@ -84,7 +88,7 @@ def flag_edges(vertices, faces, bend, crease, ends, shortest, flagged):
     for f in range(len(faces)):
         for c in range(3):
             a, b = faces[f, c], faces[f, (c + 1) % 3]
-            if (bend[a] > 0.0) + (bend[b] > 0.0) != ends or crease[f, c] != 0:
+            if (bend[a] > 0.0) + (bend[b] > 0.0) != ends or crease[f, c] == 2:
                 continue
             side = 0.0
             for k in range(3):

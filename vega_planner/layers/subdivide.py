@@ -44,19 +44,19 @@ def split_faces(faces: Ints, middle: Ints) -> Ints:
     return out
 
 
-def split_flagged(faces: Ints, count: int, flagged: np.ndarray, found: int) -> tuple[Ints, Ints]:
+def split_flagged(faces: Ints, count: int, flagged: np.ndarray) -> tuple[Ints, Ints]:
     """Split flagged edges, in both faces that share them.
 
     Args:
         faces: Vertex indices, shape (m, 3).
         count: Number of vertices; new ones are numbered from here.
         flagged: 1 for the edges from corner c to c + 1 that are split, shape (m, 3).
-        found: Number of flags.
 
     Returns:
         The new faces, and the ends of the split edges in the order of their new vertices,
         shape (e, 2).
     """
+    found = int(np.count_nonzero(flagged))
     if found == 0:
         return faces, np.zeros((0, 2), np.int64)
     faces = np.ascontiguousarray(faces, np.int64)
