@@ -157,6 +157,8 @@ def _keep_at_depth(
     if field is None:
         return
     rows, sides = np.nonzero((flagged > 0) & (doubtful > 0))
-    first, second = faces[rows, sides], faces[rows, (sides + 1) % 3]
+    ends = np.sort([faces[rows, sides], faces[rows, (sides + 1) % 3]], axis=0)
+    edges, number = np.unique(ends[0] * len(vertices) + ends[1], return_inverse=True)
+    first, second = np.divmod(edges, len(vertices))
     off = np.abs(field.distances((vertices[first] + vertices[second]) / 2) - depth)
-    flagged[rows, sides] = off < OFF_MM
+    flagged[rows, sides] = (off < OFF_MM)[number]
