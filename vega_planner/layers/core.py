@@ -57,8 +57,9 @@ MOVING_SHARE = 0.3
 #: deeper level does.
 STAYING_RATIO = 0.006
 
-#: A connected piece of which this share is a sliver is made anew.
-SLIVER_SHARE = 0.8
+#: A connected piece of which this share is a sliver is made anew, if what else it has is
+#: below this area, in t².
+SLIVER_SHARE, BESIDE_RATIO = 0.8, 8.0
 
 #: How far sheets lean towards laying twice instead of leaving open, to begin with.
 LEAN = 0.3
@@ -287,7 +288,9 @@ def _leaving(
         count = len(total)
         leaves = np.bincount(piece, areas * own, count) > MOVING_SHARE * total
         thin = own & (gap + t < t / 2 + sliver)
-        narrow = leaves & (np.bincount(piece, areas * thin, count) > SLIVER_SHARE * total)
+        thinly = np.bincount(piece, areas * thin, count)
+        narrow = leaves & (thinly > SLIVER_SHARE * total)
+        narrow &= total - thinly < BESIDE_RATIO * t * t
         small = np.flatnonzero((total < SMALL_RATIO * t * t) & ~narrow)
         if len(small):
             starts = np.column_stack(

@@ -41,7 +41,7 @@ OFF_MM = 0.01
 RAISED = 1.5
 
 #: Thickness of a sheet at most, in t.
-MOST = 1.5
+MOST = {"envelope": 3.2, "core": 1.5}
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +79,7 @@ class Strips:
             a, b = plain[self.ends[rows]].T
             plain[first:][rows] = a + self.share[rows] * (b - a)
         joint = 1 + RAISED * (1 / np.cos(np.minimum(self.bend, 0.9 * np.pi) / 2) - 1)
-        raised = np.minimum(plain * joint, np.maximum(plain, MOST * t))
+        raised = np.minimum(plain * joint, np.maximum(plain, MOST[layer.kind] * t))
         return replace(
             layer,
             vertices=self.vertices,
