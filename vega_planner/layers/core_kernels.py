@@ -16,7 +16,7 @@ from vega_planner.part.surface_kernels import cross_of
 OPEN, OPPOSED, REGION = 0, 1, 2
 
 #: Least cosine between two fronts that meet where they count as opposed.
-FACING = 0.9
+FACING = 0.85
 
 #: Least cosine between the inward normal and the face where it leaves the part for another
 #: front to be looked for, and how much farther than the limit it may meet the plane there.

@@ -19,7 +19,7 @@ from vega_planner.layers.distance_field import DistanceField
 from vega_planner.layers.subdivide import split_flagged
 
 #: Edges are sharp from this angle between the faces on; below it next to nothing is open.
-SHARP = np.radians(50.0)
+SHARP = np.radians(45.0)
 
 #: Up to this angle between the faces, the middle of an edge is on the level set.
 EVEN = np.radians(10.0)
@@ -41,7 +41,7 @@ OFF_MM = 0.01
 RAISED = 1.5
 
 #: Thickness of a sheet at most, in t.
-MOST = {"envelope": 3.2, "core": 1.5}
+MOST = {"envelope": 3.2, "core": 2.5}
 
 
 @dataclass(frozen=True, eq=False)
