@@ -8,7 +8,12 @@ import numpy as np
 
 from vega_planner.compiled import kernel
 from vega_planner.layers.triangle_kernels import closest, walk
-from vega_planner.layers.vertex_kernels import nearest_about, settle_rim, walk_sheet
+from vega_planner.layers.vertex_kernels import (
+    clear_about,
+    nearest_about,
+    settle_rim,
+    walk_sheet,
+)
 
 #: Edges between the sides of a sliver may be so far off the level set [mm].
 WIDE_MM = 0.1
@@ -190,7 +195,14 @@ def place_middles(
             x = fx + (x - fx) * r / e
             y = fy + (y - fy) * r / e
             z = fz + (z - fz) * r / e
-        if on_rim[i]:
+        if not on_rim[i] and len(box) > 0:
+            # Straight distances alone: nodes about may be across a slot.
+            v[0], v[1], v[2] = x, y, z
+            s = clear_about(
+                tri, corner, ring_start, ring, r, slot, origin, h, corner_step, turn < 0.9, s, v
+            )  # fmt: skip
+            x, y, z = v[0], v[1], v[2]
+        elif on_rim[i]:
             v[0], v[1], v[2] = x, y, z
             length = 0.0
             for k in range(3):
