@@ -51,7 +51,7 @@ TOLERATED_RATIO = 0.002
 MIDDLE_RATIO = 0.64
 
 #: A connected piece of a sheet moves whole where this share of it has no room of t.
-MOVING_SHARE = 0.3
+MOVING_SHARE = 0.2
 
 #: Share of the volume that pieces may leave open or lay twice that stay only because a
 #: deeper level does.
@@ -61,7 +61,7 @@ STAYING_RATIO = 0.006
 SLIVER_SHARE = 0.8
 
 #: How far sheets lean towards laying twice instead of leaving open, tried one by one.
-LEANS = (0.3, 0.6, 0.9)
+LEANS = (0.3, 0.5, 0.7, 0.9)
 
 #: Gaps between two fronts from this half width, in t, get a sheet of their own: as much
 #: is laid twice then, at the least thickness, as else by the sheets on both sides.

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from vega_planner.datatypes import Bools, Floats, Ints, Layer, LayerStack, Part
@@ -16,6 +14,7 @@ from vega_planner.layers.distance_field import DistanceField
 from vega_planner.layers.folds import folded_ears
 from vega_planner.layers.geodesic import Sources, bend_distances, is_convex_at_region
 from vega_planner.layers.grid import finish, sample_part
+from vega_planner.layers.mitre import mitred
 from vega_planner.layers.refine import refine_sheet
 from vega_planner.layers.summits import with_summits
 from vega_planner.layers.tidy import tidy_sheet
@@ -37,7 +36,7 @@ THIN_RATIO, FINE_RATIO = 3.0, 1.5
 MOST_VERTICES = 3e6
 MOST_NODES = 12e6
 
-#: Open share of the volume above which sharp edges are thickened.
+#: Open share of the volume above which sharp edges are mitred and thicknesses lean.
 FILLED_RATIO = 0.0042
 
 #: Aims for what stays open and for what is laid twice: between them, nothing is done
@@ -48,18 +47,11 @@ FULL_RATIO = 0.0195
 #: Open share of the volume above which a person is told.
 OPEN_RATIO = 0.01
 
-#: Length of the mean of the unit normals round a vertex below which it is on a sharp
-#: edge: about 60 degrees between the sides.
-CREASE_FLATNESS = 0.87
-
 #: How much worse an open volume is than as much laid twice.
 OPEN_WEIGHT = 4.0
 
 #: Levels stay as they are unless the core that begins early is better by this factor.
 EARLY_GAIN = 1.3
-
-#: Thickenings of sharp edges, tried one after the other.
-CREASE_FACTORS = (1.04, 1.08, 1.1, 1.12, 1.16, 1.2, 1.25, 1.3)
 
 
 def grid_spacing(part: Part, t: float) -> float:
@@ -143,28 +135,22 @@ def field_layers(part: Part, settings: LayerSettings, report: Report) -> LayerSt
         if OPEN_WEIGHT * open_then + over_then < EARLY_GAIN * (OPEN_WEIGHT * uncovered + overfill):
             layers, sheets_made, core = all_layers, everything, kept
             uncovered, overfill = open_then, over_then
-    for lean in LEANS[1:]:
+    at_depth = field if len(sources.box) else None
+    for lean in LEANS:
         if not settings.fill_core or uncovered < FILLED_RATIO:
             break
-        layers = envelopes(sheets, core, t, lean)
-        sheets_made = (*layers, *core.cores)
-        uncovered, overfill = coverage_ratios(part, samples, sheets_made)
-    if settings.fill_core and uncovered > FILLED_RATIO:
-        plain = sheets_made
-        sharp = map_threads(sharp_vertices, plain)
-        for factor in CREASE_FACTORS:
-            thicker = tuple(
-                replace(layer, thickness=np.where(edges, factor, 1.0) * layer.thickness)
-                for layer, edges in zip(plain, sharp)
-            )
-            then = coverage_ratios(part, samples, thicker)
-            if OPEN_WEIGHT * (uncovered - then[0]) < then[1] - overfill:
-                break
-            if uncovered < OPEN_AIM and then[1] > FULL_RATIO:
-                break
-            sheets_made, (uncovered, overfill) = thicker, then
-            if uncovered < FILLED_RATIO:
-                break
+        if lean > LEANS[0]:
+            layers = envelopes(sheets, core, t, lean)
+        joined = (
+            *map_threads(lambda sheet: mitred(sheet, t, at_depth), layers),
+            *map_threads(lambda sheet: mitred(sheet, t), core.cores),
+        )
+        then = coverage_ratios(part, samples, joined)
+        if OPEN_WEIGHT * (uncovered - then[0]) < then[1] - overfill:
+            break
+        if uncovered < OPEN_AIM and then[1] > FULL_RATIO:
+            break
+        sheets_made, (uncovered, overfill) = joined, then
     if uncovered > OPEN_RATIO:
         warnings += (f"{uncovered:.1%} of the volume is covered by no layer",)
     return LayerStack(
@@ -206,22 +192,6 @@ def envelopes(sheets: list[Sheet], core: Core, t: float, lean: float = LEANS[0])
     while layers and len(layers[-1].faces) == 0:
         layers.pop()
     return layers
-
-
-def sharp_vertices(layer: Layer) -> Bools:
-    """Mark the vertices on the sharp edges of a sheet, (n,).
-
-    The outer corner between two bands is square, a bead's side is round. An eighth more
-    thickness on the edge halves what stays open.
-    """
-    spread = np.zeros((len(layer.vertices), 3))
-    count = np.zeros(len(layer.vertices))
-    normals = layer.face_normals
-    for corner in layer.faces.T:
-        count += np.bincount(corner, minlength=len(count))
-        for axis in range(3):
-            spread[:, axis] += np.bincount(corner, normals[:, axis], len(count))
-    return np.asarray(np.linalg.norm(spread, axis=1) < CREASE_FLATNESS * count)
 
 
 def kept_faces(sheet: Sheet, kept: Bools, thickness: Floats) -> tuple[Floats, Ints, Floats]:
