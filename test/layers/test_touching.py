@@ -55,11 +55,15 @@ def check(part, t):
     region = None
     if part.restrained.any():
         region = DistanceField(part.vertices, part.faces[part.restrained])
+    depths = DistanceField.of_part(part).distances
     layers = generate_layers(part, LayerSettings(thickness_mm=t)).layers
     assert layers
     for layer in layers:
         if len(layer.faces) == 0:
             continue
+        assert np.abs(depths(layer.vertices) - layer.depth_mm).max() < 0.1
+        centres = layer.vertices[layer.faces].mean(1)
+        assert np.abs(depths(centres) - layer.depth_mm).max() < 0.25
         rim = rim_of(layer)  # no edge has more than two faces
         if region is None:
             assert len(rim) == 0
