@@ -55,6 +55,25 @@ def test_what_gapes_stays_open(shift):
 
 
 def test_two_sides_of_one_fold_are_not_joined():
-    """Both halves hang on the same vertex: one for both would give edges four faces."""
-    faces = np.array([*ABOVE, [0, 4, 3], [3, 4, 2]])
-    np.testing.assert_array_equal(_zipped(POINTS, faces), faces)
+    """Both halves hang on the same vertex: one for both would give an edge four faces."""
+    points = np.concatenate([POINTS[:5], [[0.5, -1, 0], [1.5, -1, 0]]])
+    faces = np.array([*ABOVE, [0, 5, 3], [3, 5, 4], [3, 4, 6], [3, 6, 2]])
+    np.testing.assert_array_equal(_zipped(points, faces), faces)
+
+
+def test_a_fin_in_a_slit_goes_and_the_slit_closes():
+    """The middle is there twice; from it a double face leads to a point of its own."""
+    middle, again, tip, north, west, south, east = range(7)
+    points = np.array(
+        [[0, 0, 0], [0, 0, 0], [0, 0.5, 0.1], [0, 1, 0], [-1, 0, 0], [0, -1, 0], [1, 0, 0]],
+        dtype=np.float64,
+    )
+    square = [[west, north, middle], [west, middle, south], [east, again, north]]
+    fin = [[again, tip, north], [north, tip, middle]]
+    faces = np.array([*square, [again, east, south], *fin])
+    assert len(open_edges(faces)[0]) == 8
+    left = _zipped(points, faces)
+    outline, most = open_edges(left)
+    assert {tuple(edge) for edge in outline} == {(3, 4), (3, 6), (4, 5), (5, 6)}
+    assert most == 2
+    assert len(left) == 4

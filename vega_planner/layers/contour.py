@@ -11,10 +11,11 @@ import numpy as np
 from vega_planner.datatypes import Floats, Ints
 from vega_planner.layers import contour_kernels as kernels
 from vega_planner.layers import face_kernels
-from vega_planner.layers.contour_tables import component_tables, edge_orders
+from vega_planner.layers.contour_tables import component_tables, edge_orders, touching_components
 from vega_planner.layers.distance_field import DistanceField
 from vega_planner.layers.geodesic import Sources
 from vega_planner.layers.grid import Grid
+from vega_planner.layers.touching import parted
 from vega_planner.parallel import map_threads
 
 
@@ -55,7 +56,7 @@ def contour_levels(
         One sheet for each level from the first to the deepest that is met.
     """
     edges, counts, members = component_tables()
-    order = edge_orders()
+    order, touching = edge_orders(), touching_components()
     _, ny, nz = grid.shape
     corner_step = grid.corner_step
     slabs = grid.slabs(32)
@@ -98,15 +99,15 @@ def contour_levels(
     position = np.zeros((total, 3))
     vertex_level = np.full(total, -1, np.int16)
     vertex_slot = np.zeros(total, np.int32)
-    is_rim = np.zeros(total, np.uint8)
+    kind = np.zeros(total, np.uint8)
     inward = np.zeros((total, 3))
     source_set: tuple[Any, ...] = (sources.tri, *sources.rings, sources.box)
     make_vertices: Any = kernels.make_vertices
     map_threads(
         lambda s: make_vertices(
             *source_set, *brr_set, origin, h, state, grid.distance, grid.slot, grid.gradient,
-            grid.level, leave, r0, t, edges, counts, members, order, corner_step, ny, nz, *s,
-            base, position, vertex_level, vertex_slot, is_rim, inward,
+            grid.level, leave, r0, t, edges, counts, members, order, touching, corner_step, ny,
+            nz, *s, base, position, vertex_level, vertex_slot, kind, inward,
         ),
         slabs,
     )  # fmt: skip
@@ -148,12 +149,18 @@ def contour_levels(
 
     def sheet(k: int) -> Sheet:
         rows = mine[ends[k] : ends[k + 1]]
+        faces = sorted_faces[face_ends[k] : face_ends[k + 1]]
+        marks = kind[rows]
+        twice = marks & kernels.TOUCHING > 0
+        if twice.any():
+            faces, copied = parted(faces, twice)
+            rows, marks = np.append(rows, rows[copied]), np.append(marks, marks[copied])
         return Sheet(
             r0 + k * t,
             position[rows],
-            sorted_faces[face_ends[k] : face_ends[k + 1]],
+            faces,
             vertex_slot[rows].astype(np.int64),
-            is_rim[rows] > 0,
+            marks & kernels.ON_RIM > 0,
             inward[rows],
         )
 

@@ -19,10 +19,14 @@ from vega_planner.layers.tree_kernels import first_hit, nearest
 from vega_planner.layers.triangle_kernels import closest, measure, walk
 from vega_planner.layers.vertex_kernels import (
     SAME_SHEET,
+    clear_about,
     place,
     settle_about,
     settle_rim,
 )
+
+#: What is to be told of a vertex besides its place.
+ON_RIM, TOUCHING = 1, 2
 
 
 @kernel
@@ -190,6 +194,7 @@ def make_vertices(
     counts,
     members,
     order,
+    touching,
     corner_step,
     ny,
     nz,
@@ -199,10 +204,15 @@ def make_vertices(
     position,
     vertex_level,
     vertex_slot,
-    is_rim,
+    kind,
     inward,
 ):
-    """Place the vertices of the cells in planes first:last."""
+    """Place the vertices of the cells in planes first:last.
+
+    Args:
+        kind: Result: `ON_RIM` for vertices on the restraint region, and `TOUCHING` for those
+            at which a sheet may touch itself.
+    """
     stack = np.zeros(64, np.int64)
     lower = np.zeros(64)
     sheets = np.zeros(24, np.int64)
@@ -386,6 +396,14 @@ def make_vertices(
                                     tri, corner, ring_start, ring, r, slot, d, gradient, origin,
                                     h, corner_step, hint, v, seen,
                                 )  # fmt: skip
+                        # Across a slot the nodes about a vertex may know a straight way only.
+                        if beyond == 0 and len(box) > 0:
+                            before = hint
+                            hint = clear_about(
+                                tri, corner, ring_start, ring, r, slot, origin, h, corner_step,
+                                not know_foot, hint, v,
+                            )  # fmt: skip
+                            know_foot = know_foot and hint == before
                         position[vertex, 0] = v[0]
                         position[vertex, 1] = v[1]
                         position[vertex, 2] = v[2]
@@ -397,5 +415,7 @@ def make_vertices(
                         inward[vertex, 0] = (v[0] - fx) / e2
                         inward[vertex, 1] = (v[1] - fy) / e2
                         inward[vertex, 2] = (v[2] - fz) / e2
-                        is_rim[vertex] = 1 if beyond > 0 else 0
+                        kind[vertex] = ON_RIM if beyond > 0 else 0
+                        if touching[inside] >> part & 1:
+                            kind[vertex] |= TOUCHING
                         vertex += 1

@@ -84,3 +84,20 @@ def edge_orders() -> Ints:
     """
     _, _, members = component_tables()
     return np.argsort(np.where(members < 0, 12, members), axis=1, kind="stable")
+
+
+@lru_cache(maxsize=1)
+def touching_components() -> Ints:
+    """Mark, bit by bit, the vertices of the 256 cells that hold a face crossed four times.
+
+    Where two cells with such a vertex share that face, four quads meet at one edge.
+    """
+    _, _, members = component_tables()
+    number = {frozenset(edge): i for i, edge in enumerate(_edges())}
+    marks = np.zeros(256, np.int64)
+    for ring in _face_rings():
+        around = [number[frozenset((ring[k], ring[(k + 1) % 4]))] for k in range(4)]
+        parts = members[:, around]
+        whole = (parts[:, 0] >= 0) & (parts == parts[:, :1]).all(1)
+        marks[whole] |= 1 << parts[whole, 0]
+    return marks

@@ -26,6 +26,13 @@ from vega_planner.settings import LayerSettings
 #: Spacing of the grid, in t.
 SPACING_RATIO = 0.65
 
+#: Spacing where walls are thin and finely shaped, in t: with gaps and ribs narrower than
+#: the grid, coarser cells hold more sheets than they can tell apart.
+THIN_SPACING_RATIO = 0.45
+
+#: Walls are thin below this mean thickness, and finely shaped below this size of faces, in t.
+THIN_RATIO, FINE_RATIO = 3.0, 1.5
+
 #: Vertices of all layers before refinement, and nodes of the grid, that are affordable.
 MOST_VERTICES = 3e6
 MOST_NODES = 12e6
@@ -37,12 +44,18 @@ OPEN_RATIO = 0.01
 def grid_spacing(part: Part, t: float) -> float:
     """Choose the spacing h of the grid [mm].
 
-    About two nodes to a layer; more for a part so large that its layers would have
-    more than `MOST_VERTICES` vertices or its grid more than `MOST_NODES` nodes.
+    About two nodes to a layer, closer where walls are thin and finely shaped; farther apart
+    for a part so large that its layers would have more than `MOST_VERTICES` vertices or its
+    grid more than `MOST_NODES` nodes.
     """
+    area = float(part.face_areas[~part.restrained].sum())
+    faces = int((~part.restrained).sum())
+    thin = 2 * part.volume < THIN_RATIO * t * area
+    fine = area < faces * (FINE_RATIO * t) ** 2
+    ratio = THIN_SPACING_RATIO if thin and fine else SPACING_RATIO
     by_vertices = (1.5 * part.volume / (t * MOST_VERTICES)) ** (1 / 2)
     by_nodes = (float(np.prod(np.ptp(part.bounds, axis=0))) / MOST_NODES) ** (1 / 3)
-    return max(SPACING_RATIO * t, by_vertices, by_nodes)
+    return max(ratio * t, by_vertices, by_nodes)
 
 
 def field_layers(part: Part, settings: LayerSettings, report: Report) -> LayerStack:

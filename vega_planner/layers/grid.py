@@ -166,11 +166,23 @@ def sample_nodes(
             for backwards in (False, True)
         )
 
-    for _ in range(100):
-        changed = sum(map_threads(sweep, slabs[::2])) + sum(map_threads(sweep, slabs[1::2]))
-        report(Progress("layers", 0.2))
-        if changed == 0:
-            break
+    def sweep_all() -> None:
+        for _ in range(100):
+            changed = sum(map_threads(sweep, slabs[::2])) + sum(map_threads(sweep, slabs[1::2]))
+            report(Progress("layers", 0.2))
+            if changed == 0:
+                break
+
+    def mend(slab: tuple[int, int]) -> int:
+        return int(
+            kernels.mend_fronts(
+                field.tri, field.box, origin, h, state, ny, nz, *slab, slot, known, fresh
+            )
+        )
+
+    sweep_all()
+    if sum(map_threads(mend, slabs[::2])) + sum(map_threads(mend, slabs[1::2])):
+        sweep_all()
     distance, gradient = np.zeros(count, np.float32), np.zeros((count, 3), np.float32)
     pieces = [count * k // SLABS for k in range(SLABS + 1)]
     map_threads(lambda s: kernels.part_known(known, *s, distance, gradient), pairwise(pieces))

@@ -26,6 +26,9 @@ UNKNOWN = np.float32(1e30)
 #: Whether a node waits to be swept, has been, or has its exact triangle from the start.
 DONE, FRESH, STALE = 0, 1, 2
 
+#: Least cosine between the gradient at a node and the normal of a triangle seen from outside.
+FRONT = 0.5
+
 #: Half the width of the narrowest level sets that are looked for between nodes [mm].
 HIDDEN_MM = 0.02
 
@@ -303,6 +306,47 @@ def sweep(
                         <= SAME_BASIN
                     ):
                         fresh[m] = FRESH
+    return changed
+
+
+@kernel
+def mend_fronts(tri, box, origin, h, state, ny, nz, first, last, slot, known, fresh):
+    """Look up inside nodes anew whose triangle turns its outer side to them.
+
+    Of two faces across a gap narrower than the grid, the wrong one has been handed to a
+    node then, from a node beyond the gap; both have one gradient there.
+
+    Returns:
+        Number of nodes that have changed.
+    """
+    stack = np.zeros(64, np.int64)
+    lower = np.zeros(64)
+    changed = 0
+    for i in range(first, last):
+        for j in range(1, ny - 1):
+            for k in range(1, nz - 1):
+                n = (i * ny + j) * nz + k
+                s = np.int64(slot[n])
+                if state[n] != INSIDE or s < 0:
+                    continue
+                if (
+                    known[n, 1] * tri[s, 9] + known[n, 2] * tri[s, 10] + known[n, 3] * tri[s, 11]
+                ) < FRONT:
+                    continue
+                x, y, z = origin[0] + h * i, origin[1] + h * j, origin[2] + h * k
+                bound = np.float64(known[n, 0]) * (1.0 - 1e-6)
+                q, d2 = nearest(tri, box, x, y, z, -1, bound * bound, stack, lower)
+                if q < 0:
+                    continue
+                d2, fx, fy, fz = closest(tri, q, x, y, z)
+                note(tri, q, d2, fx, fy, fz, x, y, z, n, slot, known)
+                changed += 1
+                for a in range(-1, 2):
+                    for b in range(-1, 2):
+                        for c in range(-1, 2):
+                            m = n + (a * ny + b) * nz + c
+                            if fresh[m] == STALE:
+                                fresh[m] = FRESH
     return changed
 
 

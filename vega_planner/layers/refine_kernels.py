@@ -8,7 +8,12 @@ import numpy as np
 
 from vega_planner.compiled import kernel
 from vega_planner.layers.triangle_kernels import closest, walk
-from vega_planner.layers.vertex_kernels import nearest_about, settle_rim, walk_sheet
+from vega_planner.layers.vertex_kernels import (
+    clear_about,
+    nearest_about,
+    settle_rim,
+    walk_sheet,
+)
 
 #: Edges between the sides of a sliver may be so far off the level set [mm].
 WIDE_MM = 0.1
@@ -74,7 +79,7 @@ def flag_edges(
 
 
 @kernel
-def meet_sheets(tri, corner, ring_start, ring, sa, sb, ga, gb, r, v):
+def meet_sheets(tri, corner, ring_start, ring, sa, sb, ga, gb, h, r, v):
     """Move v to the crease where the level sets of two sheets meet, if that is near.
 
     Returns:
@@ -92,7 +97,10 @@ def meet_sheets(tri, corner, ring_start, ring, sa, sb, ga, gb, r, v):
         eb = max(np.sqrt(d2), 1e-9)
         bx, by, bz = (x - fx) / eb, (y - fy) / eb, (z - fz) / eb
         if step == 0:
-            reach = 4.0 * max(abs(ea - r), abs(eb - r)) + 0.05
+            off = max(abs(ea - r), abs(eb - r))
+            # At a sharp ridge the crease is farther than the middle is off the level.
+            half = np.sqrt(max(0.5 + 0.5 * (ax * bx + ay * by + az * bz), 1e-6))
+            reach = max(4.0 * off + 0.05, min(1.4 * off / half, 2.0 * h))
         if abs(ea - r) < 1e-3 and abs(eb - r) < 1e-3:
             v[0], v[1], v[2] = x, y, z
             return sa if ea <= eb else sb
@@ -108,6 +116,44 @@ def meet_sheets(tri, corner, ring_start, ring, sa, sb, ga, gb, r, v):
         z += p * az + q * bz
         if (x - v[0]) ** 2 + (y - v[1]) ** 2 + (z - v[2]) ** 2 > reach * reach:
             return -1
+    return -1
+
+
+@kernel
+def go_ahead(
+    tri, corner, ring_start, ring, slot, d, gradient, origin, h, corner_step, ga, gb, r, hint, v,
+    seen,
+):  # fmt: skip
+    """Move v between two sheets, away from both, to where the level ends before their crease.
+
+    Returns:
+        A triangle of the sheet met there, -1 where none is met nearby.
+    """
+    wx, wy, wz = -ga[0] - gb[0], -ga[1] - gb[1], -ga[2] - gb[2]
+    length = np.sqrt(wx * wx + wy * wy + wz * wz)
+    if length < 0.1:
+        return -1
+    wx, wy, wz = wx / length, wy / length, wz / length
+    x, y, z = v[0], v[1], v[2]
+    s = hint
+    gone = 0.0
+    for _ in range(10):
+        s, d2, fx, fy, fz = nearest_about(
+            tri, corner, ring_start, ring, slot, d, gradient, origin, h, corner_step, x, y, z, s,
+            seen,
+        )  # fmt: skip
+        e = max(np.sqrt(d2), 1e-9)
+        if abs(e - r) < 1e-3:
+            v[0], v[1], v[2] = x, y, z
+            return s
+        rate = -((x - fx) * wx + (y - fy) * wy + (z - fz) * wz) / e
+        step = (e - r) / max(rate, 0.15)
+        gone += step
+        if gone > 2.0 * h or gone < 0.0:
+            return -1
+        x += step * wx
+        y += step * wy
+        z += step * wz
     return -1
 
 
@@ -155,17 +201,28 @@ def place_middles(
         for k in range(3):
             turn += inward[a, k] * inward[b, k]
         on_crease = False
+        d2_near = d2
         if turn < 0.8:
             v[0], v[1], v[2] = x, y, z
             q = meet_sheets(
-                tri, corner, ring_start, ring, slots[a], slots[b], inward[a], inward[b], r, v
-            )
+                tri, corner, ring_start, ring, slots[a], slots[b], inward[a], inward[b], h, r, v
+            )  # fmt: skip
             if q >= 0:
                 _, d2, _, _, _ = nearest_about(
                     tri, corner, ring_start, ring, slot, d, gradient, origin, h, corner_step,
                     v[0], v[1], v[2], q, seen,
                 )  # fmt: skip
                 if np.sqrt(d2) > r - 2e-3:
+                    on_crease = True
+                    s = q
+                    x, y, z = v[0], v[1], v[2]
+            if not on_crease and turn < 0.3 and np.sqrt(min(d2_near, e2)) > r + WIDE_MM:
+                v[0], v[1], v[2] = x, y, z
+                q = go_ahead(
+                    tri, corner, ring_start, ring, slot, d, gradient, origin, h, corner_step,
+                    inward[a], inward[b], r, s, v, seen,
+                )  # fmt: skip
+                if q >= 0:
                     on_crease = True
                     s = q
                     x, y, z = v[0], v[1], v[2]
@@ -190,7 +247,14 @@ def place_middles(
             x = fx + (x - fx) * r / e
             y = fy + (y - fy) * r / e
             z = fz + (z - fz) * r / e
-        if on_rim[i]:
+        if not on_rim[i] and len(box) > 0:
+            # Straight distances alone: nodes about may be across a slot.
+            v[0], v[1], v[2] = x, y, z
+            s = clear_about(
+                tri, corner, ring_start, ring, r, slot, origin, h, corner_step, turn < 0.9, s, v
+            )  # fmt: skip
+            x, y, z = v[0], v[1], v[2]
+        elif on_rim[i]:
             v[0], v[1], v[2] = x, y, z
             length = 0.0
             for k in range(3):

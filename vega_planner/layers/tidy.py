@@ -95,11 +95,21 @@ def _zipped(vertices: Floats, faces: Ints) -> Ints:
 
 
 def _merged(faces: Ints, gone: int, kept: int) -> Ints:
-    """Put one vertex in the place of another; the same faces where they would not fit."""
-    ring = faces[((faces == gone) | (faces == kept)).any(1)]
+    """Put one vertex in the place of another; the same faces where they would not fit.
+
+    Two faces that come to lie on each other, a fin of the sheet, are left out.
+    """
+    about = ((faces == gone) | (faces == kept)).any(1)
+    ring = faces[about]
     ring = np.where(ring == gone, kept, ring)
-    ends = np.sort(np.stack([ring, np.roll(ring, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
+    _, kind, alike = np.unique(
+        np.sort(ring, axis=1), axis=0, return_inverse=True, return_counts=True
+    )
+    stays = alike[kind.ravel()] == 1
+    left = ring[stays]
+    ends = np.sort(np.stack([left, np.roll(left, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
     _, uses = np.unique(ends, axis=0, return_counts=True)
-    if (uses > 2).any() or (ends[:, 0] == ends[:, 1]).any():
+    if (uses > 2).any() or (ends[:, 0] == ends[:, 1]).any() or (alike > 2).any():
         return faces
-    return np.where(faces == gone, kept, faces)
+    about[about] = ~stays
+    return np.where(faces == gone, kept, faces)[~about]

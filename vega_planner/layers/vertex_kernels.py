@@ -24,6 +24,9 @@ SAME_SHEET = 0.93
 #: Distances to its sheets to which a vertex is placed [mm].
 PLACED_MM = 5e-5
 
+#: How much nearer than its level a triangle may be that no walk has led to [mm].
+UNSEEN_MM = 0.01
+
 
 @kernel
 def solve3(a, b, damping, x):
@@ -296,6 +299,59 @@ def nearest_about(
 
 
 @kernel
+def clear_about(tri, corner, ring_start, ring, r, slot, origin, h, corner_step, wide, hint, v):
+    """Move a vertex away from triangles of the nodes about it that are nearer than r.
+
+    Bumps of the surface make local minima where walks stop; of the nodes about one has
+    nearly always got past them.
+
+    Args:
+        wide: Whether to ask the 27 nodes about a vertex instead of the 8 of its cell.
+
+    Returns:
+        The last triangle it was moved from; the hint where none was nearer.
+    """
+    bound = r - UNSEEN_MM
+    if bound <= 0.0:
+        return hint
+    sx, sy = corner_step[1], corner_step[2]
+    low, shift = (-1, 0.5) if wide else (0, 0.0)
+    last = hint
+    for _ in range(6):
+        x, y, z = v[0], v[1], v[2]
+        node = int((x - origin[0]) / h + shift) * sx + int((y - origin[1]) / h + shift) * sy
+        node += int((z - origin[2]) / h + shift)
+        if node + low * (sx + sy + 1) < 0 or node + sx + sy + 1 >= len(slot):
+            break
+        least = bound * bound
+        found, before = -1, last
+        for i in range(low, 2):
+            for j in range(low, 2):
+                for k in range(low, 2):
+                    s = np.int64(slot[node + i * sx + j * sy + k])
+                    if s < 0 or s in (before, last):
+                        continue
+                    before = s
+                    off = off_plane(tri, s, x, y, z)
+                    if off * off >= least:
+                        continue
+                    d2, _, _ = measure(tri, s, x, y, z)
+                    if d2 < least:
+                        least = d2
+                        found = s
+        if found < 0:
+            break
+        last, d2, fx, fy, fz = walk(tri, corner, ring_start, ring, found, x, y, z)
+        if d2 < 1e-18:
+            break
+        f = r / np.sqrt(d2)
+        v[0] = fx + (x - fx) * f
+        v[1] = fy + (y - fy) * f
+        v[2] = fz + (z - fz) * f
+    return last
+
+
+@kernel
 def settle_about(
     tri, corner, ring_start, ring, r, slot, d, gradient, origin, h, corner_step, hint, v, seen
 ):
@@ -326,6 +382,8 @@ def settle_rim(
     bound = h * h
     for _ in range(8):
         q, _ = nearest(brr_tri, brr_box, x, y, z, -1, bound, stack, lower)
+        if q < 0 and least > 1e299:
+            q, _ = nearest(brr_tri, brr_box, x, y, z, -1, 1e300, stack, lower)
         if q < 0:
             break
         _, x, y, z = closest(brr_tri, q, x, y, z)
