@@ -11,6 +11,7 @@ import numpy as np
 
 from vega_planner.datatypes import (
     REASON_CODES,
+    Bools,
     Floats,
     Layer,
     LayerStack,
@@ -19,9 +20,9 @@ from vega_planner.datatypes import (
     Reason,
 )
 from vega_planner.ordering.graph import break_cycles, sequence
-from vega_planner.ordering.proof import Proven, bad_area, proven_order
+from vega_planner.ordering.proof import FLOATING_SHARE, Proven, bad_area, proven_order
 from vega_planner.ordering.task import BLOCK_SHARE, SUPPORT_SHARE, Graph, OrderTask
-from vega_planner.ordering.untangle import FINEST_WIDTHS, in_bands, untangled
+from vega_planner.ordering.untangle import untangled
 from vega_planner.printability.assessment import (
     Assessment,
     stage_height,
@@ -37,10 +38,6 @@ if TYPE_CHECKING:
 #: Share of the area that may collide or float in the natural order before another one is
 #: looked for.
 ACCEPTED_SHARE = 2e-3
-
-#: Share of the area that may collide or float before patches that wait for each other are
-#: cut as finely as can be.
-TOO_MUCH = 0.03
 
 
 @dataclass(frozen=True)
@@ -104,14 +101,14 @@ def order_patches(
     settings: PrintabilitySettings,
     report: Report,
     assessment: Assessment | None = None,
-    cut: bool = False,
 ) -> PrintOrder:
     """Find the deposition sequence.
 
     What lies under a bead comes first, what would stand in the nozzle's way later; among
     what is free, the paper's rule decides: bottom to top, and at one level inside to
     outside. Patches that wait for each other get steeper tool axes; where that does not
-    help, the weakest obstacle gives way and shows in `violations`.
+    help, the weakest obstacle gives way and shows in `violations`. What that leaves is
+    resolved pass by pass when the paths are laid: patches stay whole.
 
     Args:
         patches: Pieces of the layers with their tool axes.
@@ -120,8 +117,6 @@ def order_patches(
         settings: Limits and clearance.
         report: Receives progress; may raise `Cancelled`.
         assessment: The judgement the patches come from; its report is carried on.
-        cut: Whether to cut patches that wait for each other into bands of height even where
-            all layers are printable as they are, or in an order that seems to be better.
 
     Returns:
         The patches in print order with the proof.
@@ -142,38 +137,23 @@ def order_patches(
     graph = task.graph(patches)
     report(Progress("ordering", 0.2))
     found, natural = None, None
-    if assessment is not None and not cut:
+    if assessment is not None:
         natural = graph, _with_cores_held(_natural_order(patches, assessment), graph, assessment)
         found = proven_order(task, *natural, report, ACCEPTED_SHARE * _area(graph))
     if found is None:
         graph = task.with_blocking(graph)
-        uncut = graph
         if settings.orientation == "collision-free" and graph.tangles():
-            # layers that are printable as they are stay whole: what is left is resolved
-            # pass by pass when the paths are laid
-            cut = cut or _base_report(assessment).status != "fully"
-            graph = untangled(task, graph, report, cut)
-        other = None
-        if len(graph.patches) > len(uncut.patches):
-            other = _proven_graph(task, graph, report, TOO_MUCH * _area(graph))
-            if other is None:
-                graph = in_bands(task, uncut, FINEST_WIDTHS) or graph
-        other = other or _proven_graph(task, graph, report)
-        assert other is not None
-        if found is None and natural is not None:
-            found = proven_order(task, *natural, report, other.cost)
-        if found is None or other.cost < found.cost:
-            found = other
-    base = _base_report(assessment)
-    if len(found.patches) > len(patches) and base.status == "fully":
-        base = replace(base, status="conditionally")
+            graph = untangled(task, graph)
+        found = _proven_graph(task, graph, report)
+        if natural is not None:
+            found = proven_order(task, *natural, report, found.cost) or found
     return PrintOrder(
         found.patches,
         found.supports,
         found.blocks,
         found.colliding,
         found.floating,
-        _with_sequence(base, found),
+        _with_sequence(_base_report(assessment), found.patches, found.bad, found.floating),
     )
 
 
@@ -182,13 +162,12 @@ def _area(graph: Graph) -> float:
     return sum(patch.area for patch in graph.patches)
 
 
-def _proven_graph(
-    task: OrderTask, graph: Graph, report: Report, most_mm2: float = np.inf
-) -> Proven | None:
+def _proven_graph(task: OrderTask, graph: Graph, report: Report) -> Proven:
     """Order patches by what they wait for and the paper's rule, and prove it."""
     before, _ = break_cycles(graph.hard, graph.soft)
-    order = sequence(before, _keys(graph.patches, task.stack))
-    return proven_order(task, graph, order, report, most_mm2)
+    proven = proven_order(task, graph, sequence(before, _keys(graph.patches, task.stack)), report)
+    assert proven is not None  # no limit was set
+    return proven
 
 
 def _natural_order(patches: Sequence[Patch], assessment: Assessment) -> list[int]:
@@ -248,13 +227,40 @@ def _base_report(assessment: Assessment | None) -> PrintabilityReport:
     return PrintabilityReport("fully", 1.0, 1.0, 1.0)
 
 
-def _with_sequence(base: PrintabilityReport, proven: Proven) -> PrintabilityReport:
+def with_interleaved(
+    order: PrintOrder, floating_mm2: Floats, assessment: Assessment
+) -> PrintOrder:
+    """Tell what an order is once the passes of its patches are interleaved.
+
+    Args:
+        order: The order of the patches, each printed whole.
+        floating_mm2: Area of each patch with nothing under it when it is printed now.
+        assessment: The judgement the patches come from.
+
+    Returns:
+        The order; whether the nozzle is clear is left to the check of every waypoint.
+    """
+    count = len(order.patches)
+    told = np.where(
+        floating_mm2 > FLOATING_SHARE * np.array([patch.area for patch in order.patches]),
+        floating_mm2,
+        0.0,
+    )
+    none = [np.zeros(len(patch.vertices), np.bool_) for patch in order.patches]
+    report = _with_sequence(assessment.report, order.patches, none, told)
+    if report.status == "fully":
+        report = replace(report, status="conditionally")
+    return replace(order, colliding_mm2=np.zeros(count), floating_mm2=told, report=report)
+
+
+def _with_sequence(
+    base: PrintabilityReport, patches: Sequence[Patch], bad: Sequence[Bools], floating: Floats
+) -> PrintabilityReport:
     """Add to a report what only the sequence shows."""
-    patches = proven.patches
     total = sum(patch.area for patch in patches)
     reasons = list(base.reasons)
     lost = 0.0
-    for patch, hit in zip(patches, proven.bad):
+    for patch, hit in zip(patches, bad):
         area = bad_area(patch, hit)
         if area > 1.0:
             lost += area
@@ -262,7 +268,7 @@ def _with_sequence(base: PrintabilityReport, proven: Proven) -> PrintabilityRepo
             remedy = "split the layer lower, or choose another restraint region (--brr)"
             where = (float(middle[0]), float(middle[1]), float(middle[2]))
             reasons.append(Reason("printed_part", patch.layer, area, where, remedy))
-    for patch, area in zip(patches, proven.floating):
+    for patch, area in zip(patches, floating):
         if area > 1.0:
             middle = patch.vertices.mean(0)
             where = (float(middle[0]), float(middle[1]), float(middle[2]))
