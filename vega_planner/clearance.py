@@ -1,48 +1,61 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Toolpaths that touch nothing: resolved as they are, or with their passes interleaved."""
+"""Toolpaths that touch nothing: resolved as they are, with passes interleaved, or in bands."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from vega_planner.datatypes import LayerStack, ToolpathSet
+from vega_planner.datatypes import LayerStack, Patch, ToolpathSet
+from vega_planner.ordering import order_patches
 from vega_planner.ordering.order import PrintOrder, with_interleaved
-from vega_planner.printability.collisions import CollisionCheck, too_much_left_out
+from vega_planner.printability.collisions import (
+    TOO_MUCH,
+    CollisionCheck,
+    too_much_left_out,
+)
 from vega_planner.printability.interleave import interleaved
 from vega_planner.printability.repair import resolve_collisions
 from vega_planner.progress import Report
 from vega_planner.settings import Settings
+from vega_planner.toolpaths import lay_toolpaths
 from vega_planner.toolpaths.lay import plan_moves
 
 if TYPE_CHECKING:
     from vega_planner.printability.assessment import Assessment
     from vega_planner.robot.workcell import Workcell
 
-#: Share of colliding waypoints beyond which passes are interleaved before the nozzle is
-#: turned everywhere.
-MANY = 0.08
-
-#: Share of the area that may be printed with nothing under it before passes are interleaved.
+#: Share of the area that may be printed with nothing under it before another way is tried.
 FLOATING = 0.01
+
+#: Share of the poses that interleaved passes may leave in each other's way: turned, most of
+#: them are clear.
+BLOCKED = 0.1
 
 
 def clear_toolpaths(
     order: PrintOrder,
     toolpaths: ToolpathSet,
+    patches: Sequence[Patch],
     assessment: Assessment,
     stack: LayerStack,
     cell: Workcell,
     settings: Settings,
     report: Report,
 ) -> tuple[PrintOrder, ToolpathSet, CollisionCheck]:
-    """Resolve what collides; where too much is lost by it or floats, interleave passes.
+    """Resolve what collides; where too much is lost by it or floats, cut and try again.
+
+    First the passes of whole patches are cut and interleaved, which leaves nothing open
+    between them. Where even those are too much in each other's way, the patches are cut
+    into bands of height. The way that loses least is taken.
 
     Args:
         order: The patches in print order.
         toolpaths: Their toolpaths.
+        patches: The patches as the splitting left them.
         assessment: The judgement they come from.
         stack: The layers.
         cell: Robot, tool, placement and substrate.
@@ -50,40 +63,69 @@ def clear_toolpaths(
         report: Receives progress; may raise `Cancelled`.
 
     Returns:
-        The order, toolpaths and check of the better way.
+        The order, toolpaths and check of the best way.
     """
     policy = settings.printability
 
-    def resolved(
-        paths: ToolpathSet, give_up_share: float = 1.0
-    ) -> tuple[ToolpathSet, CollisionCheck]:
-        return resolve_collisions(paths, stack, cell, policy, report, give_up_share=give_up_share)
+    def resolved(way: PrintOrder, paths: ToolpathSet) -> _Way:
+        return _Way(way, *resolve_collisions(paths, stack, cell, policy, report))
 
     if policy.orientation != "collision-free" or stack.engine == "planar":
-        return (order, *resolved(toolpaths))
-    floating = _floating_share(order)
-    paths, check = toolpaths, None
-    if floating <= FLOATING:
-        paths, check = resolved(toolpaths, MANY)
-        if not too_much_left_out(check, order.report):
-            return order, paths, check
+        return resolved(order, toolpaths).outcome
+    ways = []
+    if _floating_share(order) <= FLOATING:
+        ways.append(resolved(order, toolpaths))
+        if ways[-1].is_good:
+            return ways[-1].outcome
     found = interleaved(
         toolpaths.passes, cell, assessment.surroundings, stack.thickness_mm, report
     )
-    moves, _ = plan_moves(found.passes, cell, report)
-    others, checked = resolved(
-        replace(toolpaths, passes=tuple(found.passes), travels=tuple(moves))
-    )
-    areas = [found.floating_mm2.get(place, 0.0) for place in range(len(order.patches))]
-    other = with_interleaved(order, np.array(areas), assessment)
-    if not too_much_left_out(checked, other.report) and _floating_share(other) <= FLOATING:
-        return other, others, checked
-    if check is None or check.colliding:
-        paths, check = resolved(toolpaths)
-    loss = check.colliding, check.left_out_ratio + floating
-    if (checked.colliding, checked.left_out_ratio + _floating_share(other)) < loss:
-        return other, others, checked
-    return order, paths, check
+    if found.blocked_ratio <= BLOCKED:
+        moves, _ = plan_moves(found.passes, cell, report)
+        areas = [found.floating_mm2.get(place, 0.0) for place in range(len(order.patches))]
+        paths = replace(toolpaths, passes=tuple(found.passes), travels=tuple(moves))
+        ways.append(resolved(with_interleaved(order, np.array(areas), assessment), paths))
+        if ways[-1].is_good:
+            return ways[-1].outcome
+    pieces = order_patches(patches, stack, cell, policy, report, assessment, cut=True)
+    if len(pieces.patches) > len(patches):
+        laid = lay_toolpaths(pieces.patches, stack, cell, settings.toolpaths, report)
+        ways.append(resolved(pieces, laid))
+    if _floating_share(order) > FLOATING and not any(way.is_enough for way in ways):
+        ways.append(resolved(order, toolpaths))
+    return min(ways or [resolved(order, toolpaths)], key=lambda way: way.loss).outcome
+
+
+@dataclass(frozen=True, eq=False)
+class _Way:
+    """One way of printing, as far as it goes."""
+
+    order: PrintOrder
+    toolpaths: ToolpathSet
+    check: CollisionCheck
+
+    @property
+    def outcome(self) -> tuple[PrintOrder, ToolpathSet, CollisionCheck]:
+        return self.order, self.toolpaths, self.check
+
+    @property
+    def is_good(self) -> bool:
+        """Whether no other way has to be tried."""
+        lost = too_much_left_out(self.check, self.order.report)
+        return not lost and _floating_share(self.order) <= FLOATING
+
+    @property
+    def is_enough(self) -> bool:
+        """Whether the part is printable this way."""
+        return not self.check.colliding and self.check.left_out_ratio <= TOO_MUCH
+
+    @property
+    def loss(self) -> tuple[int, float]:
+        """What counts against it: waypoints that collide, then what is left out or floats."""
+        return (
+            self.check.colliding,
+            self.check.left_out_ratio + _floating_share(self.order),
+        )
 
 
 def _floating_share(order: PrintOrder) -> float:

@@ -139,7 +139,7 @@ def plan(
         toolpaths = lay_toolpaths(order.patches, stack, cell, settings.toolpaths, tell)
     with stages.enter("clearance") as tell:
         order, toolpaths, check = clear_toolpaths(
-            order, toolpaths, assessment, stack, cell, settings, tell
+            order, toolpaths, patches, assessment, stack, cell, settings, tell
         )
         if settings.toolpaths.prime_mm > 0:
             toolpaths = with_prime_line(

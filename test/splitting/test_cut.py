@@ -4,11 +4,13 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vega_planner.datatypes import face_cross
+from vega_planner.datatypes import Patch, face_cross
+from vega_planner.splitting.bands import bands
 from vega_planner.splitting.cut import cut_mesh
 
 BALL = trimesh.creation.icosphere(3, radius=10.0)
@@ -55,3 +57,12 @@ def test_zeros_at_vertices_make_no_slivers():
 def test_linear_fields_are_carried_exactly():
     cut = cut_mesh(V, F, V[:, 0] - 1.234)
     assert np.abs(cut.carry(V) - cut.vertices).max() < 1e-12
+
+
+def test_bands_add_up_and_stay_within_their_heights():
+    patch = Patch(0, V, F, np.full(len(V), 0.8), np.tile([0, 0, 1.0], (len(V), 1)))
+    pieces = bands(patch, [-5.0, 0.3, 6.0])
+    assert len(pieces) == 4
+    assert sum(piece.area for piece in pieces) == pytest.approx(patch.area, rel=1e-9)
+    tops = [piece.vertices[:, 2].max() for piece in pieces]
+    assert np.allclose(tops, [-5.0, 0.3, 6.0, 10.0], atol=0.05)

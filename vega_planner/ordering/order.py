@@ -22,7 +22,7 @@ from vega_planner.datatypes import (
 from vega_planner.ordering.graph import break_cycles, sequence
 from vega_planner.ordering.proof import FLOATING_SHARE, Proven, bad_area, proven_order
 from vega_planner.ordering.task import BLOCK_SHARE, SUPPORT_SHARE, Graph, OrderTask
-from vega_planner.ordering.untangle import untangled
+from vega_planner.ordering.untangle import FINEST_WIDTHS, in_bands, untangled
 from vega_planner.printability.assessment import (
     Assessment,
     stage_height,
@@ -38,6 +38,10 @@ if TYPE_CHECKING:
 #: Share of the area that may collide or float in the natural order before another one is
 #: looked for.
 ACCEPTED_SHARE = 2e-3
+
+#: Share of the area that may collide or float before patches that wait for each other are
+#: cut as finely as can be.
+TOO_MUCH = 0.03
 
 
 @dataclass(frozen=True)
@@ -101,14 +105,14 @@ def order_patches(
     settings: PrintabilitySettings,
     report: Report,
     assessment: Assessment | None = None,
+    cut: bool = False,
 ) -> PrintOrder:
     """Find the deposition sequence.
 
     What lies under a bead comes first, what would stand in the nozzle's way later; among
     what is free, the paper's rule decides: bottom to top, and at one level inside to
     outside. Patches that wait for each other get steeper tool axes; where that does not
-    help, the weakest obstacle gives way and shows in `violations`. What that leaves is
-    resolved pass by pass when the paths are laid: patches stay whole.
+    help, the weakest obstacle gives way and shows in `violations`.
 
     Args:
         patches: Pieces of the layers with their tool axes.
@@ -117,6 +121,9 @@ def order_patches(
         settings: Limits and clearance.
         report: Receives progress; may raise `Cancelled`.
         assessment: The judgement the patches come from; its report is carried on.
+        cut: Whether to cut patches that wait for each other into bands of height, at the
+            price of rims between the bands. Whole patches whose nozzle is not clear are
+            resolved pass by pass when the paths are laid.
 
     Returns:
         The patches in print order with the proof.
@@ -137,23 +144,35 @@ def order_patches(
     graph = task.graph(patches)
     report(Progress("ordering", 0.2))
     found, natural = None, None
-    if assessment is not None:
+    if assessment is not None and not cut:
         natural = graph, _with_cores_held(_natural_order(patches, assessment), graph, assessment)
         found = proven_order(task, *natural, report, ACCEPTED_SHARE * _area(graph))
     if found is None:
         graph = task.with_blocking(graph)
+        uncut = graph
         if settings.orientation == "collision-free" and graph.tangles():
-            graph = untangled(task, graph)
-        found = _proven_graph(task, graph, report)
-        if natural is not None:
-            found = proven_order(task, *natural, report, found.cost) or found
+            graph = untangled(task, graph, report, cut)
+        other = None
+        if len(graph.patches) > len(uncut.patches):
+            other = _proven_graph(task, graph, report, TOO_MUCH * _area(graph))
+            if other is None:
+                graph = in_bands(task, uncut, FINEST_WIDTHS) or graph
+        other = other or _proven_graph(task, graph, report)
+        assert other is not None
+        if found is None and natural is not None:
+            found = proven_order(task, *natural, report, other.cost)
+        if found is None or other.cost < found.cost:
+            found = other
+    base = _base_report(assessment)
+    if len(found.patches) > len(patches) and base.status == "fully":
+        base = replace(base, status="conditionally")
     return PrintOrder(
         found.patches,
         found.supports,
         found.blocks,
         found.colliding,
         found.floating,
-        _with_sequence(_base_report(assessment), found.patches, found.bad, found.floating),
+        _with_sequence(base, found.patches, found.bad, found.floating),
     )
 
 
@@ -162,12 +181,13 @@ def _area(graph: Graph) -> float:
     return sum(patch.area for patch in graph.patches)
 
 
-def _proven_graph(task: OrderTask, graph: Graph, report: Report) -> Proven:
+def _proven_graph(
+    task: OrderTask, graph: Graph, report: Report, most_mm2: float = np.inf
+) -> Proven | None:
     """Order patches by what they wait for and the paper's rule, and prove it."""
     before, _ = break_cycles(graph.hard, graph.soft)
-    proven = proven_order(task, graph, sequence(before, _keys(graph.patches, task.stack)), report)
-    assert proven is not None  # no limit was set
-    return proven
+    order = sequence(before, _keys(graph.patches, task.stack))
+    return proven_order(task, graph, order, report, most_mm2)
 
 
 def _natural_order(patches: Sequence[Patch], assessment: Assessment) -> list[int]:

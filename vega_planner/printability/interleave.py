@@ -75,10 +75,13 @@ class Interleaved:
         passes: In print order; patches may alternate.
         floating_mm2: By patch of the passes, the area with nothing under it when it is
             printed.
+        blocked_ratio: Share of the poses that meet what was printed before for want of
+            anything better.
     """
 
     passes: list[Toolpath]
     floating_mm2: dict[int, float]
+    blocked_ratio: float
 
 
 def interleaved(
@@ -98,7 +101,7 @@ def interleaved(
         report: Receives progress; may raise `Cancelled`.
     """
     if not passes:
-        return Interleaved([], {})
+        return Interleaved([], {}, 0.0)
     stretches = stretches_of(passes)
     stations = stations_of(passes, stretches)
     report(Progress("clearance", 0.1, detail="stretches"))
@@ -108,7 +111,8 @@ def interleaved(
     report(Progress("clearance", 0.2, detail="stretches"))
     search = _Search(passes, stretches, stations, blocked, holding)
     runs = search.runs(report)
-    return Interleaved(_joined(passes, stretches, runs), search.floating_by_patch())
+    joined = _joined(passes, stretches, runs)
+    return Interleaved(joined, search.floating_by_patch(), search.blocked / len(stations.points))
 
 
 class _Search:
@@ -137,6 +141,8 @@ class _Search:
         self._bare = np.bincount(stations.stretch, ~self._held, count)
         self._floating = np.zeros(count, np.bool_)
         self._floats = holding.loose.copy()
+        #: Poses in whose way something was printed.
+        self.blocked = 0.0
 
     def runs(self, report: Report) -> list[Run]:
         """Order the stretches."""
@@ -190,6 +196,7 @@ class _Search:
     def _print(self, stretch: int) -> None:
         """Take a stretch: it is in nobody's way any more, and carries what lies on it."""
         self._todo[stretch] = False
+        self.blocked += float(self._harm[stretch])
         self._harm -= self._blocked[stretch]
         own = slice(*np.searchsorted(self._stations.stretch, [stretch, stretch + 1]))
         if self._floating[stretch]:
