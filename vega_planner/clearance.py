@@ -22,14 +22,16 @@ from vega_planner.printability.repair import resolve_collisions
 from vega_planner.progress import Report
 from vega_planner.settings import Settings
 from vega_planner.toolpaths import lay_toolpaths
+from vega_planner.toolpaths.coverage import deposited_volume
 from vega_planner.toolpaths.lay import plan_moves
 
 if TYPE_CHECKING:
     from vega_planner.printability.assessment import Assessment
     from vega_planner.robot.workcell import Workcell
 
-#: Share of the area that may be printed with nothing under it before another way is tried.
-FLOATING = 0.01
+#: Share of the area that may be printed with nothing under it before passes are interleaved,
+#: and before patches are cut into bands, at whose rims the print stays open.
+FLOATING, FLOATS_TOO_MUCH = 0.01, 0.03
 
 #: Share of the poses that interleaved passes may leave in each other's way: turned, most of
 #: them are clear.
@@ -67,8 +69,12 @@ def clear_toolpaths(
     """
     policy = settings.printability
 
+    whole = deposited_volume(toolpaths.passes)
+
     def resolved(way: PrintOrder, paths: ToolpathSet) -> _Way:
-        return _Way(way, *resolve_collisions(paths, stack, cell, policy, report))
+        cleared, check = resolve_collisions(paths, stack, cell, policy, report)
+        lack = 1.0 - deposited_volume(cleared.passes) / max(whole, 1e-9)
+        return _Way(way, cleared, check, max(lack, check.left_out_ratio))
 
     if policy.orientation != "collision-free" or stack.engine == "planar":
         return resolved(order, toolpaths).outcome
@@ -87,6 +93,8 @@ def clear_toolpaths(
         ways.append(resolved(with_interleaved(order, np.array(areas), assessment), paths))
         if ways[-1].is_good:
             return ways[-1].outcome
+    if any(way.is_enough for way in ways):
+        return min(ways, key=lambda way: way.loss).outcome
     pieces = order_patches(patches, stack, cell, policy, report, assessment, cut=True)
     if len(pieces.patches) > len(patches):
         laid = lay_toolpaths(pieces.patches, stack, cell, settings.toolpaths, report)
@@ -98,11 +106,19 @@ def clear_toolpaths(
 
 @dataclass(frozen=True, eq=False)
 class _Way:
-    """One way of printing, as far as it goes."""
+    """One way of printing, as far as it goes.
+
+    Attributes:
+        order: Its patches.
+        toolpaths: Its passes and moves.
+        check: The check of them.
+        lack: What it does not deposit of the volume of the whole patches.
+    """
 
     order: PrintOrder
     toolpaths: ToolpathSet
     check: CollisionCheck
+    lack: float
 
     @property
     def outcome(self) -> tuple[PrintOrder, ToolpathSet, CollisionCheck]:
@@ -116,16 +132,14 @@ class _Way:
 
     @property
     def is_enough(self) -> bool:
-        """Whether the part is printable this way."""
-        return not self.check.colliding and self.check.left_out_ratio <= TOO_MUCH
+        """Whether the part is printable this way, so that nothing worse has to be tried."""
+        clear = not self.check.colliding and self.check.left_out_ratio <= TOO_MUCH
+        return clear and _floating_share(self.order) <= FLOATS_TOO_MUCH
 
     @property
     def loss(self) -> tuple[int, float]:
-        """What counts against it: waypoints that collide, then what is left out or floats."""
-        return (
-            self.check.colliding,
-            self.check.left_out_ratio + _floating_share(self.order),
-        )
+        """What counts against it: waypoints that collide, then what is missing or floats."""
+        return self.check.colliding, self.lack + _floating_share(self.order)
 
 
 def _floating_share(order: PrintOrder) -> float:
