@@ -29,6 +29,10 @@ if TYPE_CHECKING:
     from vega_planner.printability.assessment import Assessment
     from vega_planner.robot.workcell import Workcell
 
+#: Share of colliding waypoints beyond which passes are interleaved before the nozzle is
+#: turned everywhere, where layers are not printable as they are.
+MANY = 0.08
+
 #: Share of the area that may be printed with nothing under it before passes are interleaved,
 #: and before patches are cut into bands, at whose rims the print stays open.
 FLOATING, FLOATS_TOO_MUCH = 0.01, 0.03
@@ -68,19 +72,21 @@ def clear_toolpaths(
         The order, toolpaths and check of the best way.
     """
     policy = settings.printability
-
     whole = deposited_volume(toolpaths.passes)
 
-    def resolved(way: PrintOrder, paths: ToolpathSet) -> _Way:
-        cleared, check = resolve_collisions(paths, stack, cell, policy, report)
+    def resolved(way: PrintOrder, paths: ToolpathSet, give_up_share: float = 1.0) -> _Way:
+        cleared, check = resolve_collisions(
+            paths, stack, cell, policy, report, give_up_share=give_up_share
+        )
         lack = 1.0 - deposited_volume(cleared.passes) / max(whole, 1e-9)
         return _Way(way, cleared, check, max(lack, check.left_out_ratio))
 
     if policy.orientation != "collision-free" or stack.engine == "planar":
         return resolved(order, toolpaths).outcome
     ways = []
+    fully = order.report.status == "fully"
     if _floating_share(order) <= FLOATING:
-        ways.append(resolved(order, toolpaths))
+        ways.append(resolved(order, toolpaths, 1.0 if fully else MANY))
         if ways[-1].is_good:
             return ways[-1].outcome
     found = interleaved(
@@ -99,9 +105,9 @@ def clear_toolpaths(
     if len(pieces.patches) > len(patches):
         laid = lay_toolpaths(pieces.patches, stack, cell, settings.toolpaths, report)
         ways.append(resolved(pieces, laid))
-    if _floating_share(order) > FLOATING and not any(way.is_enough for way in ways):
+    if not any(way.is_enough for way in ways):
         ways.append(resolved(order, toolpaths))
-    return min(ways or [resolved(order, toolpaths)], key=lambda way: way.loss).outcome
+    return min(ways, key=lambda way: way.loss).outcome
 
 
 @dataclass(frozen=True, eq=False)

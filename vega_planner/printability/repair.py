@@ -57,6 +57,7 @@ def resolve_collisions(
     report: Report,
     *,
     links: bool = False,
+    give_up_share: float = 1.0,
 ) -> tuple[ToolpathSet, CollisionCheck]:
     """Check every waypoint and do something about those that collide.
 
@@ -73,6 +74,7 @@ def resolve_collisions(
         settings: Policy, limits and clearance.
         report: Receives progress; may raise `Cancelled`.
         links: Whether the robot's links count, too; for robots with a closed form.
+        give_up_share: Share of colliding waypoints beyond which nothing is tried.
 
     Returns:
         The toolpaths, and the outcome of their last check.
@@ -82,7 +84,8 @@ def resolve_collisions(
         return check_toolpaths(paths, stack, cell, report, links=links)
 
     check = checked(toolpaths)
-    if settings.orientation != "collision-free" or not check.colliding:
+    few = check.colliding <= give_up_share * check.checked
+    if settings.orientation != "collision-free" or not check.colliding or not few:
         return toolpaths, check
     task = _Task(stack, cell, settings, report, checked, links)
     best = _without_rest(task, *_settled(task, toolpaths, check))
