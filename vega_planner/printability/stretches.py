@@ -35,6 +35,10 @@ HALF_ACROSS, HALF_ALONG = 0.7, 0.4
 #: this far from it, as beads overlap.
 REACH_WIDTHS, STEP_WIDTHS = 0.6, 0.85
 
+#: A bead lies on the ground if the place one bead behind or below is this near, in bead
+#: heights: that of the second layer is half a bead above it.
+ON_GROUND = 0.25
+
 #: Where nothing is there, a bead still holds to one within this, in bead widths, whose
 #: middle is this much lower, in layer thicknesses: the next one on an overhang.
 TOUCH_WIDTHS, LOWER_LAYERS = 1.1, 0.25
@@ -174,16 +178,18 @@ def what_holds(
 
     height = stations.height
     below = stations.points.copy()
-    below[:, 2] -= STEP_WIDTHS * stations.width
+    rise = stations.axes[:, 2]
+    across = STEP_WIDTHS * stations.width * np.sqrt(np.maximum(1.0 - rise**2, 0.0))
+    below[:, 2] -= np.hypot(across, rise * height)
     places = (stations.points - height[:, None] * stations.axes, below)
     ground = np.zeros(len(height), np.bool_)
     tree = cKDTree(stations.points)
     lies: list[Ints] = []
     on: list[Ints] = []
     for at in places:
-        ground |= at[:, 2] <= plate_z_mm + 0.75 * height
+        ground |= at[:, 2] <= plate_z_mm + ON_GROUND * height
         if surroundings is not EMPTY:
-            ground |= surroundings.distance(at) <= 0.75 * height + 0.5 * surroundings.spacing
+            ground |= surroundings.distance(at) <= ON_GROUND * height
         near = tree.query_ball_point(at, REACH_WIDTHS * stations.width)
         lies.append(np.repeat(np.arange(len(at)), [len(found) for found in near]))
         on.append(stations.stretch[np.array([k for found in near for k in found], np.int64)])
