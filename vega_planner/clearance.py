@@ -137,15 +137,21 @@ class _Way:
         return not lost and _floating_share(self.order) <= FLOATING
 
     @property
-    def is_enough(self) -> bool:
-        """Whether the part is printable this way, so that nothing worse has to be tried."""
-        clear = not self.check.colliding and self.check.left_out_ratio <= TOO_MUCH
-        return clear and _floating_share(self.order) <= FLOATS_TOO_MUCH
+    def is_printable(self) -> bool:
+        """Whether the part is printable this way, by what no bead is laid of."""
+        lost = self.check.left_out_ratio + self.order.report.unprintable_ratio
+        return not self.check.colliding and lost <= TOO_MUCH
 
     @property
-    def loss(self) -> tuple[int, float]:
+    def is_enough(self) -> bool:
+        """Whether nothing worse has to be tried."""
+        return self.is_printable and _floating_share(self.order) <= FLOATS_TOO_MUCH
+
+    @property
+    def loss(self) -> tuple[int, bool, float]:
         """What counts against it: waypoints that collide, then what is missing or floats."""
-        return self.check.colliding, self.lack + _floating_share(self.order)
+        lost = self.lack + _floating_share(self.order)
+        return self.check.colliding, not self.is_printable, lost
 
 
 def _floating_share(order: PrintOrder) -> float:
