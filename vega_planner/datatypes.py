@@ -186,6 +186,8 @@ class Layer(TriangleGeometry):
         vertices: Points [mm], shape (n, 3).
         faces: Vertex indices, shape (m, 3).
         thickness: Local thickness of the layer at the vertices [mm], shape (n,), > 0.
+        mitre: How much thicker the layer is on its sharp edges than the beads that are laid
+            there, shape (n,), at least 1; None where nowhere.
     """
 
     index: int
@@ -194,6 +196,7 @@ class Layer(TriangleGeometry):
     vertices: Floats
     faces: Ints
     thickness: Floats
+    mitre: Floats | None = None
 
     def __post_init__(self) -> None:
         self._freeze_mesh()
@@ -201,6 +204,14 @@ class Layer(TriangleGeometry):
         if len(thickness) and thickness.min() <= 0:
             raise InvalidInput(f"thickness {thickness.min():g} mm; must be above 0")
         object.__setattr__(self, "thickness", thickness)
+        if self.mitre is not None:
+            mitre = frozen_array("mitre", self.mitre, np.float64, (len(self.vertices),))
+            object.__setattr__(self, "mitre", mitre)
+
+    @property
+    def bead_thickness(self) -> Floats:
+        """Thickness with which beads are laid [mm], shape (n,)."""
+        return self.thickness if self.mitre is None else self.thickness / self.mitre
 
 
 @dataclass(frozen=True, eq=False)

@@ -60,8 +60,8 @@ STAYING_RATIO = 0.006
 #: A connected piece of which this share is a sliver is made anew.
 SLIVER_SHARE = 0.8
 
-#: How far sheets lean towards laying twice instead of leaving open, tried one by one.
-LEANS = (0.3, 0.6, 0.9)
+#: How far sheets lean towards laying twice instead of leaving open, to begin with.
+LEAN = 0.3
 
 #: Gaps between two fronts from this half width, in t, get a sheet of their own: as much
 #: is laid twice then, at the least thickness, as else by the sheets on both sides.
@@ -234,7 +234,7 @@ def _join_core(
                 depth_mm=sheet.depth,
                 vertices=sheet.vertices[used],
                 faces=numbers.reshape(-1, 3),
-                thickness=leant(rooms[k][used], t, LEANS[0]),
+                thickness=leant(rooms[k][used], t, LEAN),
             )
         )
         kept[k][:] = False

@@ -3,16 +3,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from vega_planner.datatypes import Bools, Floats, Ints, Layer, LayerStack, Part
 from vega_planner.errors import BadRestraint, NoLayers
 from vega_planner.layers.contour import Sheet, contour_levels
-from vega_planner.layers.core import LEANS, SLIVER_RATIO, Core, fill_core, leant
-from vega_planner.layers.coverage import coverage_ratios, spread_samples
+from vega_planner.layers.core import SLIVER_RATIO, Core, fill_core, leant
 from vega_planner.layers.distance_field import DistanceField
+from vega_planner.layers.filling import fill
 from vega_planner.layers.folds import folded_ears
 from vega_planner.layers.geodesic import Sources, bend_distances, is_convex_at_region
 from vega_planner.layers.grid import finish, sample_part
@@ -30,29 +30,8 @@ SPACING_RATIO = 0.65
 MOST_VERTICES = 3e6
 MOST_NODES = 12e6
 
-#: Open share of the volume above which sharp edges are thickened.
-FILLED_RATIO = 0.0042
-
-#: Aims for what stays open and for what is laid twice: between them, nothing is done
-#: for the one that costs the other.
-OPEN_AIM = 0.0045
-FULL_RATIO = 0.0195
-
 #: Open share of the volume above which a person is told.
 OPEN_RATIO = 0.01
-
-#: Length of the mean of the unit normals round a vertex below which it is on a sharp
-#: edge: about 60 degrees between the sides.
-CREASE_FLATNESS = 0.87
-
-#: How much worse an open volume is than as much laid twice.
-OPEN_WEIGHT = 4.0
-
-#: Levels stay as they are unless the core that begins early is better by this factor.
-EARLY_GAIN = 1.3
-
-#: Thickenings of sharp edges, tried one after the other.
-CREASE_FACTORS = (1.04, 1.08, 1.1, 1.12, 1.16, 1.2, 1.25, 1.3)
 
 
 def grid_spacing(part: Part, t: float) -> float:
@@ -112,61 +91,33 @@ def field_layers(part: Part, settings: LayerSettings, report: Report) -> LayerSt
     sheets = map_threads(
         lambda sheet: tidy_sheet(refine_sheet(sheet, grid, sources, brr), sources, t), sheets
     )
-    core = Core.nothing(sheets, t)
+    ways = [Core.nothing(sheets, t)]
     if settings.fill_core:
-        core = fill_core(part, grid, field, brr, sheets, t)
-    layers = envelopes(sheets, core, t)
-    if not layers and not core.cores:
+        ways = [fill_core(part, grid, field, brr, sheets, t)]
+        if ways[0].begins_early:
+            # Keeping all levels as they are costs less than it gains where walls vary.
+            ways.append(fill_core(part, grid, field, brr, sheets, t, staying_ratio=1.0))
+    if not any(kept.any() for kept in ways[0].kept) and not ways[0].cores:
         raise NoLayers(f"no layer of t = {t:g} mm fits into part '{part.name}'")
-    sheets_made = (*layers, *core.cores)
-    samples = spread_samples(part)
-    uncovered, overfill = coverage_ratios(part, samples, sheets_made)
-    if core.begins_early:
-        # Keeping all levels as they are costs less than it gains where walls vary.
-        kept = fill_core(part, grid, field, brr, sheets, t, staying_ratio=1.0)
-        all_layers = envelopes(sheets, kept, t)
-        everything = (*all_layers, *kept.cores)
-        open_then, over_then = coverage_ratios(part, samples, everything)
-        if OPEN_WEIGHT * open_then + over_then < EARLY_GAIN * (OPEN_WEIGHT * uncovered + overfill):
-            layers, sheets_made, core = all_layers, everything, kept
-            uncovered, overfill = open_then, over_then
-    for lean in LEANS[1:]:
-        if not settings.fill_core or uncovered < FILLED_RATIO:
-            break
-        layers = envelopes(sheets, core, t, lean)
-        sheets_made = (*layers, *core.cores)
-        uncovered, overfill = coverage_ratios(part, samples, sheets_made)
-    if settings.fill_core and uncovered > FILLED_RATIO:
-        plain = sheets_made
-        sharp = map_threads(sharp_vertices, plain)
-        for factor in CREASE_FACTORS:
-            thicker = tuple(
-                replace(layer, thickness=np.where(edges, factor, 1.0) * layer.thickness)
-                for layer, edges in zip(plain, sharp)
-            )
-            then = coverage_ratios(part, samples, thicker)
-            if OPEN_WEIGHT * (uncovered - then[0]) < then[1] - overfill:
-                break
-            if uncovered < OPEN_AIM and then[1] > FULL_RATIO:
-                break
-            sheets_made, (uncovered, overfill) = thicker, then
-            if uncovered < FILLED_RATIO:
-                break
-    if uncovered > OPEN_RATIO:
-        warnings += (f"{uncovered:.1%} of the volume is covered by no layer",)
+    straight = len(sources.box) > 0
+    filling = fill(
+        part, ways, partial(envelopes, sheets, t=t), field, t, straight, settings.fill_core
+    )
+    if filling.uncovered > OPEN_RATIO:
+        warnings += (f"{filling.uncovered:.1%} of the volume is covered by no layer",)
     return LayerStack(
         part=part,
         engine="field",
         thickness_mm=t,
-        layers=sheets_made[: len(layers)],
-        cores=sheets_made[len(layers) :],
-        uncovered_ratio=uncovered,
-        overfill_ratio=overfill,
+        layers=filling.layers,
+        cores=filling.cores,
+        uncovered_ratio=filling.uncovered,
+        overfill_ratio=filling.overfill,
         warnings=warnings,
     )
 
 
-def envelopes(sheets: list[Sheet], core: Core, t: float, lean: float = LEANS[0]) -> list[Layer]:
+def envelopes(sheets: list[Sheet], core: Core, lean: float, *, t: float) -> list[Layer]:
     """Make layers of what stays of the level sets, as far as one is left."""
 
     def envelope(k: int) -> Layer:
@@ -193,22 +144,6 @@ def envelopes(sheets: list[Sheet], core: Core, t: float, lean: float = LEANS[0])
     while layers and len(layers[-1].faces) == 0:
         layers.pop()
     return layers
-
-
-def sharp_vertices(layer: Layer) -> Bools:
-    """Mark the vertices on the sharp edges of a sheet, (n,).
-
-    The outer corner between two bands is square, a bead's side is round. An eighth more
-    thickness on the edge halves what stays open.
-    """
-    spread = np.zeros((len(layer.vertices), 3))
-    count = np.zeros(len(layer.vertices))
-    normals = layer.face_normals
-    for corner in layer.faces.T:
-        count += np.bincount(corner, minlength=len(count))
-        for axis in range(3):
-            spread[:, axis] += np.bincount(corner, normals[:, axis], len(count))
-    return np.asarray(np.linalg.norm(spread, axis=1) < CREASE_FLATNESS * count)
 
 
 def kept_faces(sheet: Sheet, kept: Bools, thickness: Floats) -> tuple[Floats, Ints, Floats]:

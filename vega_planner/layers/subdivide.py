@@ -44,6 +44,36 @@ def split_faces(faces: Ints, middle: Ints) -> Ints:
     return out
 
 
+def split_flagged(faces: Ints, count: int, flagged: np.ndarray) -> tuple[Ints, Ints]:
+    """Split flagged edges, in both faces that share them.
+
+    Args:
+        faces: Vertex indices, shape (m, 3).
+        count: Number of vertices; new ones are numbered from here.
+        flagged: 1 for the edges from corner c to c + 1 that are split, shape (m, 3).
+
+    Returns:
+        The new faces, and the ends of the split edges in the order of their new vertices,
+        shape (e, 2).
+    """
+    found = int(np.count_nonzero(flagged))
+    if found == 0:
+        return faces, np.zeros((0, 2), np.int64)
+    faces = np.ascontiguousarray(faces, np.int64)
+    bits = int(4 * found).bit_length()
+    keys, numbers = np.full(1 << bits, -1), np.zeros(1 << bits, np.int64)
+    ends = np.zeros((found, 2), np.int64)
+    edges = kernels.number_edges(faces, 0, flagged, bits, keys, numbers, ends)
+    ends = ends[:edges]
+    at_edge = np.zeros(count, np.uint8)
+    at_edge[ends] = 1
+    middle, uses = np.zeros(faces.shape, np.int64), np.zeros(edges, np.int64)
+    whole, made = kernels.find_middles(faces, at_edge, bits, keys, numbers, count, middle, uses)
+    out = np.zeros((whole + made, 3), np.int64)
+    kernels.split_into(faces, middle, whole, out)
+    return out, ends
+
+
 def split_long_edges(vertices: Floats, faces: Ints, length: float) -> tuple[Floats, Ints]:
     """Halve edges until none is longer than `length`.
 

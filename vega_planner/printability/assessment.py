@@ -243,10 +243,10 @@ def _covered(layer: Layer, held: Bools, bowl: DistanceField, surroundings: Dista
     Where the next layer out is there already, no tip fits in, however it is turned.
     """
     code = np.where(held, _CODE["plate"], 0)
-    outward = layer.vertices + layer.thickness[:, None] * layer.vertex_normals
+    outward = layer.vertices + layer.bead_thickness[:, None] * layer.vertex_normals
     for field, name in ((surroundings, "substrate"), (bowl, "printed_part")):
         if field is not EMPTY:
-            code[field.distance(outward) < 0.25 * layer.thickness] = _CODE[name]
+            code[field.distance(outward) < 0.25 * layer.bead_thickness] = _CODE[name]
     return code
 
 
@@ -289,7 +289,7 @@ def judge_side(
                 todo = todo[gap[todo] >= wanted]
         return gap
 
-    limit = plate_tilt_limit(points, normals, layer.thickness, shape, cell, wanted, width_mm)
+    limit = plate_tilt_limit(points, normals, layer.bead_thickness, shape, cell, wanted, width_mm)
     limit[closed > 0] = -1.0
     oriented = orient(points, layer.faces, normals, limit, clearance, settings)
     axes = oriented.axes
@@ -299,7 +299,7 @@ def judge_side(
     seen = np.ones(len(points), np.bool_)
     if see:
         # half the bead is the layer itself: the line counts from its surface on
-        offset = 0.5 * float(np.median(layer.thickness))
+        offset = 0.5 * float(np.median(layer.bead_thickness))
         seen = ~Occluder(layer).blocks(points, axes, offset)
     if not oriented.clear.all():
         missed = np.flatnonzero(~oriented.clear)
@@ -374,7 +374,7 @@ def _held_from_below(
     """Mark the vertices that face down onto the plate, the substrate or a layer laid there."""
     held = layer.vertex_normals[:, 2] < -FACES_DOWN
     index = np.flatnonzero(held)
-    thickness = layer.thickness[index]
+    thickness = layer.bead_thickness[index]
     under = layer.vertices[index] + thickness[:, None] * layer.vertex_normals[index]
     held[index] = (
         (

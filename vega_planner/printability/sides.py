@@ -113,5 +113,5 @@ def without_noise(layer: Layer, label: Ints) -> Ints:
     """Give regions too small for a few beads the side of what surrounds them."""
     if (label == label[0]).all():
         return label
-    island = ISLAND * float(np.median(layer.thickness)) ** 2
+    island = ISLAND * float(np.median(layer.bead_thickness)) ** 2
     return without_islands(neighbours_of(layer), layer.face_areas, label, island)

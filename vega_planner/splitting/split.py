@@ -107,7 +107,7 @@ def _split_sheet(item: tuple[int, Layer, SheetAssessment]) -> list[Patch]:
     label = np.full_like(sheet.side, OUTSIDE) if layer.kind == "planar" else sheet.side
     crumb = CRUMB * float(layer.thickness.min()) ** 2 if len(layer.thickness) else 0.0
     piece = _Piece(
-        layer.vertices, layer.faces, layer.thickness, outside.axes, inside.axes,
+        layer.vertices, layer.faces, layer.bead_thickness, outside.axes, inside.axes,
         (outside.code > 0).astype(float), (inside.code > 0).astype(float), label,
     )  # fmt: skip
     patches: list[Patch] = []

@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How well the sheets fill a part, and what is done about the places they leave open.
+
+Where much stays open, sharp edges are mitred, and last layers whose room is not t lean
+towards laying twice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from vega_planner.datatypes import Layer, Part
+from vega_planner.layers.core import LEAN, Core
+from vega_planner.layers.coverage import Samples, coverage_ratios, spread_samples
+from vega_planner.layers.distance_field import DistanceField
+from vega_planner.layers.mitre import find_strips
+from vega_planner.parallel import map_threads
+
+#: Open share of the volume above which something is done about it.
+FILLED_RATIO = 0.0042
+
+#: Open share that leaning aims at.
+AIMED_RATIO = 0.0041
+
+#: Aims for what stays open and for what is laid twice: between them, nothing is done
+#: for the one that costs the other.
+OPEN_AIM = 0.0045
+FULL_RATIO = 0.0195
+
+#: How much worse an open volume is than as much laid twice.
+OPEN_WEIGHT = 4.0
+
+#: Levels stay as they are unless the core that begins early is better by this factor.
+EARLY_GAIN = 1.3
+
+#: The farthest that layers lean, and the least step towards it.
+MOST_LEAN, LEAST_STEP = 0.9, 0.15
+
+
+@dataclass(frozen=True, eq=False)
+class Filling:
+    """Sheets, and how well they fill the part.
+
+    Attributes:
+        layers: The envelope layers, outermost first.
+        cores: The sheets of the core.
+        uncovered: Volume inside no sheet's own thickness, over the part's volume.
+        overfill: Material beyond what the sheets cover, over the part's volume.
+    """
+
+    layers: tuple[Layer, ...]
+    cores: tuple[Layer, ...]
+    uncovered: float
+    overfill: float
+
+    @classmethod
+    def of(
+        cls, part: Part, samples: Samples, layers: tuple[Layer, ...], cores: tuple[Layer, ...]
+    ) -> Filling:
+        """Measure how well sheets fill a part."""
+        return cls(layers, cores, *coverage_ratios(part, samples, (*layers, *cores)))
+
+    @property
+    def harm(self) -> float:
+        """What is open and what is laid twice, weighed."""
+        return OPEN_WEIGHT * self.uncovered + self.overfill
+
+
+def fill(
+    part: Part,
+    cores: list[Core],
+    envelopes: Callable[[Core, float], list[Layer]],
+    field: DistanceField,
+    t: float,
+    straight: bool,
+    improve: bool,
+) -> Filling:
+    """Choose how the core is filled, and fill what stays open as far as it pays.
+
+    Args:
+        part: The part.
+        cores: One way to fill the core, or a second one in which levels stay as they are.
+        envelopes: Makes the envelope layers that belong to a core, leaning by a share.
+        field: Distances to S.
+        t: Layer thickness [mm].
+        straight: Whether depths are straight distances to S.
+        improve: Whether anything is done about what stays open.
+
+    Returns:
+        The best filling found.
+    """
+    samples = spread_samples(part)
+
+    def filling(core: Core, lean: float) -> Filling:
+        return Filling.of(part, samples, tuple(envelopes(core, lean)), core.cores)
+
+    core = cores[0]
+    best = filling(core, LEAN)
+    for other in cores[1:]:
+        kept = filling(other, LEAN)
+        if kept.harm < EARLY_GAIN * best.harm:
+            core, best = other, kept
+    if best.uncovered < FILLED_RATIO or not improve:
+        return best
+    at_depth = {"envelope": field if straight else None, "core": None}
+    sheets = (*best.layers, *best.cores)
+    strips = map_threads(lambda sheet: find_strips(sheet, t, at_depth[sheet.kind]), sheets)
+
+    def mitred(sheets: tuple[Layer, ...]) -> tuple[Layer, ...]:
+        return tuple(strip.on(sheet, t) for strip, sheet in zip(strips, sheets))
+
+    lean, step, gain = LEAN, LEAST_STEP, 0.0
+    while True:
+        layers = tuple(envelopes(core, lean)) if lean > LEAN else best.layers
+        joined = mitred((*layers, *core.cores))
+        then = Filling.of(part, samples, joined[: len(layers)], joined[len(layers) :])
+        if then.harm > best.harm or (best.uncovered < OPEN_AIM and then.overfill > FULL_RATIO):
+            return best
+        if lean > LEAN:
+            gain = (best.uncovered - then.uncovered) / step
+        best = then
+        if best.uncovered < FILLED_RATIO or lean >= MOST_LEAN:
+            return best
+        # as far as the last step says, a little at least
+        step = LEAST_STEP
+        if gain > 0:
+            step = max(step, (best.uncovered - AIMED_RATIO) / gain)
+        step = min(step, MOST_LEAN - lean)
+        lean += step

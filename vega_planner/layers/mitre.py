@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Mitred edges: the thickness of a sheet along its sharp edges.
+
+A band of thickness t that turns a corner of angle phi reaches t / 2 / cos(phi / 2) outwards
+from the middle surface there, as a mitred joint does. What lies within half the thickness
+of the sheet is round instead and leaves the corner open. So the sheet is as thick as the
+joint on the sharp edge itself, and as thick as the bands a little beside it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vega_planner.datatypes import Floats, Ints, Layer, row_lengths
+from vega_planner.layers import mitre_kernels as kernels
+from vega_planner.layers.distance_field import DistanceField
+from vega_planner.layers.subdivide import split_flagged
+
+#: Edges are sharp from this angle between the faces on; below it next to nothing is open.
+SHARP = np.radians(50.0)
+
+#: Up to this angle between the faces, the middle of an edge is on the level set.
+EVEN = np.radians(10.0)
+
+#: Width of the strip along a sharp edge over which the thickness falls, in t.
+STRIP_RATIO = 1 / 32
+
+#: Height of faces below which their normals mean nothing, in t.
+FLAT_RATIO = 1 / 32
+
+#: An edge at a small angle to the sharp one is split after this many widths at most.
+LONGEST = 3.0
+
+#: Edges are not split where their middle is farther than this from the level set [mm].
+OFF_MM = 0.01
+
+#: How much more than the joint the edge itself is, so that the faces beside it, which
+#: have one corner off it, are as thick as the joint.
+RAISED = 1.5
+
+#: Thickness of a sheet at most, in t.
+MOST = 1.5
+
+
+@dataclass(frozen=True, eq=False)
+class Strips:
+    """A sheet with a narrow strip of faces on both sides of its sharp edges.
+
+    Attributes:
+        vertices: Points [mm], those of the sheet first, shape (n, 3).
+        faces: Vertex indices, shape (m, 3).
+        ends: Vertices between which each new point lies, shape (k, 2).
+        share: How far from the first to the second, shape (k,).
+        bend: Angle between the normals at the vertices, 0 where not sharp [rad], shape (n,).
+    """
+
+    vertices: Floats
+    faces: Ints
+    ends: Ints
+    share: Floats
+    bend: Floats
+
+    def on(self, layer: Layer, t: float) -> Layer:
+        """Give the sheet the thickness of mitred joints; `bead_thickness` stays.
+
+        Args:
+            layer: The sheet, with its vertices in the same order.
+            t: Nominal layer thickness [mm].
+        """
+        if len(self.ends) == 0:
+            return layer
+        thickness = layer.thickness
+        first = len(thickness)
+        plain = np.concatenate([thickness, np.zeros(len(self.ends))])
+        for rows in (self.ends.max(1) < first, self.ends.max(1) >= first):
+            # points between new points come after those
+            a, b = plain[self.ends[rows]].T
+            plain[first:][rows] = a + self.share[rows] * (b - a)
+        joint = 1 + RAISED * (1 / np.cos(np.minimum(self.bend, 0.9 * np.pi) / 2) - 1)
+        raised = np.minimum(plain * joint, np.maximum(plain, MOST * t))
+        return replace(
+            layer,
+            vertices=self.vertices,
+            faces=self.faces,
+            thickness=raised,
+            mitre=raised / plain,
+        )
+
+
+def find_strips(layer: Layer, t: float, field: DistanceField | None = None) -> Strips:
+    """Lay strips along the sharp edges of a sheet.
+
+    Args:
+        layer: The sheet.
+        t: Nominal layer thickness [mm].
+        field: Distances to S for a sheet whose points must stay at its depth, or None.
+
+    Returns:
+        The strips; without any new point where no edge is sharp.
+    """
+    vertices, faces = layer.vertices, layer.faces
+    none = np.zeros((0, 2), np.int64)
+    bend, along, crease = _creases(vertices, faces, t)
+    if not bend.any():
+        return Strips(vertices, faces, none, np.zeros(0), bend)
+    width, depth = STRIP_RATIO * t, layer.depth_mm
+    # Faces that only touch sharp edges all round get a middle that is not sharp.
+    flagged = np.zeros(faces.shape, np.uint8)
+    kernels.flag_edges(vertices, faces, bend, crease, 2, 2 * width, flagged)
+    _keep_at_depth(flagged, flagged, vertices, faces, field, depth)
+    faces, middles = split_flagged(faces, len(vertices), flagged)
+    vertices = np.concatenate([vertices, vertices[middles].mean(1)])
+    bend = np.concatenate([bend, np.zeros(len(middles))])
+    along = np.concatenate([along, np.zeros((len(middles), 3))])
+    _, _, crease = _creases(vertices, faces, t)
+    flagged = np.zeros(faces.shape, np.uint8)
+    kernels.flag_edges(vertices, faces, bend, np.zeros_like(crease), 1, 2 * width, flagged)
+    _keep_at_depth(flagged, crease == 1, vertices, faces, field, depth)
+    faces, ends = split_flagged(faces, len(vertices), flagged)
+    sharp = np.where(bend[ends[:, 0]] > 0, ends[:, 0], ends[:, 1])
+    other = ends.sum(1) - sharp
+    away = vertices[other] - vertices[sharp]
+    length, height = row_lengths(away), row_lengths(np.cross(away, along[sharp]))
+    share = np.minimum(width / np.clip(height, length / LONGEST, length), 0.5)
+    return Strips(
+        np.concatenate([vertices, vertices[sharp] + share[:, None] * away]),
+        faces,
+        np.concatenate([middles, np.column_stack([sharp, other])]),
+        np.concatenate([np.full(len(middles), 0.5), share]),
+        np.concatenate([bend, np.zeros(len(ends))]),
+    )
+
+
+def _creases(vertices: Floats, faces: Ints, t: float) -> tuple[Floats, Floats, np.ndarray]:
+    """Find the sharp edges: bend and direction at the vertices, and flags of the sides."""
+    bits = int(4 * len(faces)).bit_length()
+    bend, along = np.zeros(len(vertices)), np.zeros(vertices.shape)
+    crease = np.zeros(faces.shape, np.uint8)
+    kernels.find_creases(
+        vertices, faces, np.cos(SHARP), np.cos(EVEN), FLAT_RATIO * t, bits,
+        np.full(1 << bits, -1), np.zeros(1 << bits, np.int64), bend, along, crease,
+    )  # fmt: skip
+    return bend, along, crease
+
+
+def _keep_at_depth(
+    flagged: np.ndarray,
+    doubtful: np.ndarray,
+    vertices: Floats,
+    faces: Ints,
+    field: DistanceField | None,
+    depth: float,
+) -> None:
+    """Take the flag from doubtful edges whose middles are off the level set, in place."""
+    if field is None:
+        return
+    rows, sides = np.nonzero((flagged > 0) & (doubtful > 0))
+    ends = np.sort([faces[rows, sides], faces[rows, (sides + 1) % 3]], axis=0)
+    edges, number = np.unique(ends[0] * len(vertices) + ends[1], return_inverse=True)
+    first, second = np.divmod(edges, len(vertices))
+    off = np.abs(field.distances((vertices[first] + vertices[second]) / 2) - depth)
+    flagged[rows, sides] = (off < OFF_MM)[number]
