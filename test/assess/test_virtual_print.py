@@ -7,6 +7,7 @@ import json
 
 import numpy as np
 import pytest
+import trimesh
 
 from vega_planner.assess.beads import section_area, section_width
 from vega_planner.assess.dispensing import Dispensing, dispensed
@@ -65,6 +66,23 @@ def test_plate_cuts_what_lies_below_it(ideal):
         plate_z_mm=-5.0,
     )
     assert result.volume_mm3 == pytest.approx(whole.volume_mm3 / 2, rel=5e-3)
+
+
+def test_a_wall_without_thickness_on_a_substrate_cuts_nothing_off(ideal):
+    """Bodies cut out of each other leave such walls: two faces at one place."""
+    beads = ideal.rows_of([ideal.line([-4, 0, 2], [4, 0, 2])])
+    box = trimesh.creation.box(bounds=[[-6, -3, -2], [6, 3, 1.2]])
+    fin = np.array([[-5, 0.1, 1.2], [5, 0.1, 1.2], [5, 0.1, 4], [-5, 0.1, 4]], float)
+    count = len(box.vertices)
+    sheet = count + np.array([[0, 1, 2], [0, 2, 3]])
+    faces = np.vstack([box.faces, sheet, sheet[:, ::-1]])
+    finned = Part("s", np.vstack([box.vertices, fin]), faces, np.zeros(len(faces), bool))
+    plain = Part("s", box.vertices, box.faces, np.zeros(len(box.faces), bool))
+    volumes = [
+        simulate(beads, ideal.block(), voxel_mm=0.1, plate_z_mm=-2.0, substrate=body).volume_mm3
+        for body in (plain, finned)
+    ]
+    assert volumes[1] == pytest.approx(volumes[0], rel=1e-3)
 
 
 def test_closed_void_is_filled_and_reported_apart(ideal):

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The planar baseline against hand-made answers."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -44,6 +46,20 @@ def test_a_strip_of_one_bead_gets_one_line(make):
     (path,) = done.passes
     assert not path.closed
     assert np.abs(path.points[:, 1] - 0.45).max() < 0.1
+
+
+def test_a_flat_patch_whose_axes_are_off_by_the_noise_of_its_mesh_is_laid_as_a_flat_one(make):
+    patch = make.flat(HOLED)
+    rng = np.random.default_rng(1)
+    axes = patch.tool_axes + rng.uniform(-0.006, 0.006, patch.tool_axes.shape)
+    noisy = replace(patch, tool_axes=axes / np.linalg.norm(axes, axis=1, keepdims=True))
+    done = [
+        lay_toolpaths((flat,), make.stack([flat], "field"), make.cell(), ToolpathSettings())
+        for flat in (patch, noisy)
+    ]
+    for one, other in zip(done[0].passes, done[1].passes, strict=True):
+        np.testing.assert_array_equal(one.points, other.points)
+        np.testing.assert_array_equal(one.axes, other.axes)
 
 
 @pytest.mark.parametrize("angle", [0.0, 45.0])

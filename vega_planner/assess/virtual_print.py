@@ -37,6 +37,7 @@ from vega_planner.assess.sight import PROBE_MM, Voids, fill_voids
 from vega_planner.datatypes import Bools, Floats, Ints, Part, ToolpathSet, TriangleGeometry
 from vega_planner.errors import InvalidInput
 from vega_planner.parallel import map_threads
+from vega_planner.printability.grid_kernels import fill_mesh
 from vega_planner.progress import Progress, Report, silent
 
 STAGE = "virtual print"
@@ -175,7 +176,16 @@ def _grid(beads: BeadRows, target: Part, voxel_mm: float) -> Grid:
 
 
 def _field_of(body: TriangleGeometry, grid: Grid) -> Field:
-    return mesh_field(SurfaceDistance(body.vertices, body.faces), grid)
+    """Compute the signed distance to what the print stands on.
+
+    Bodies cut out of each other have walls without thickness here and there: two faces at
+    one place, of which the nearest may be either. So the side is counted along columns.
+    """
+    field = mesh_field(SurfaceDistance(body.vertices, body.faces), grid)
+    solid = np.zeros(grid.shape[::-1], np.bool_)
+    fill_mesh(body.vertices, body.faces, grid.origin, grid.voxel_mm, solid)
+    away = np.abs(field)
+    return np.where(solid.transpose(2, 1, 0), -away, away)
 
 
 @dataclass(frozen=True)

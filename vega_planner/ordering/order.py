@@ -11,6 +11,7 @@ import numpy as np
 
 from vega_planner.datatypes import (
     REASON_CODES,
+    Bools,
     Floats,
     Layer,
     LayerStack,
@@ -19,7 +20,7 @@ from vega_planner.datatypes import (
     Reason,
 )
 from vega_planner.ordering.graph import break_cycles, sequence
-from vega_planner.ordering.proof import Proven, bad_area, proven_order
+from vega_planner.ordering.proof import FLOATING_SHARE, Proven, bad_area, proven_order
 from vega_planner.ordering.task import BLOCK_SHARE, SUPPORT_SHARE, Graph, OrderTask
 from vega_planner.ordering.untangle import FINEST_WIDTHS, in_bands, untangled
 from vega_planner.printability.assessment import (
@@ -120,8 +121,9 @@ def order_patches(
         settings: Limits and clearance.
         report: Receives progress; may raise `Cancelled`.
         assessment: The judgement the patches come from; its report is carried on.
-        cut: Whether to cut patches that wait for each other into bands of height even where
-            all layers are printable as they are, or in an order that seems to be better.
+        cut: Whether to cut patches that wait for each other into bands of height, at the
+            price of rims between the bands. Whole patches whose nozzle is not clear are
+            resolved pass by pass when the paths are laid.
 
     Returns:
         The patches in print order with the proof.
@@ -149,9 +151,6 @@ def order_patches(
         graph = task.with_blocking(graph)
         uncut = graph
         if settings.orientation == "collision-free" and graph.tangles():
-            # layers that are printable as they are stay whole: what is left is resolved
-            # pass by pass when the paths are laid
-            cut = cut or _base_report(assessment).status != "fully"
             graph = untangled(task, graph, report, cut)
         other = None
         if len(graph.patches) > len(uncut.patches):
@@ -173,7 +172,7 @@ def order_patches(
         found.blocks,
         found.colliding,
         found.floating,
-        _with_sequence(base, found),
+        _with_sequence(base, found.patches, found.bad, found.floating),
     )
 
 
@@ -248,13 +247,40 @@ def _base_report(assessment: Assessment | None) -> PrintabilityReport:
     return PrintabilityReport("fully", 1.0, 1.0, 1.0)
 
 
-def _with_sequence(base: PrintabilityReport, proven: Proven) -> PrintabilityReport:
+def with_interleaved(
+    order: PrintOrder, floating_mm2: Floats, assessment: Assessment
+) -> PrintOrder:
+    """Tell what an order is once the passes of its patches are interleaved.
+
+    Args:
+        order: The order of the patches, each printed whole.
+        floating_mm2: Area of each patch with nothing under it when it is printed now.
+        assessment: The judgement the patches come from.
+
+    Returns:
+        The order; whether the nozzle is clear is left to the check of every waypoint.
+    """
+    count = len(order.patches)
+    told = np.where(
+        floating_mm2 > FLOATING_SHARE * np.array([patch.area for patch in order.patches]),
+        floating_mm2,
+        0.0,
+    )
+    none = [np.zeros(len(patch.vertices), np.bool_) for patch in order.patches]
+    report = _with_sequence(assessment.report, order.patches, none, told)
+    if report.status == "fully":
+        report = replace(report, status="conditionally")
+    return replace(order, colliding_mm2=np.zeros(count), floating_mm2=told, report=report)
+
+
+def _with_sequence(
+    base: PrintabilityReport, patches: Sequence[Patch], bad: Sequence[Bools], floating: Floats
+) -> PrintabilityReport:
     """Add to a report what only the sequence shows."""
-    patches = proven.patches
     total = sum(patch.area for patch in patches)
     reasons = list(base.reasons)
     lost = 0.0
-    for patch, hit in zip(patches, proven.bad):
+    for patch, hit in zip(patches, bad):
         area = bad_area(patch, hit)
         if area > 1.0:
             lost += area
@@ -262,7 +288,7 @@ def _with_sequence(base: PrintabilityReport, proven: Proven) -> PrintabilityRepo
             remedy = "split the layer lower, or choose another restraint region (--brr)"
             where = (float(middle[0]), float(middle[1]), float(middle[2]))
             reasons.append(Reason("printed_part", patch.layer, area, where, remedy))
-    for patch, area in zip(patches, proven.floating):
+    for patch, area in zip(patches, floating):
         if area > 1.0:
             middle = patch.vertices.mean(0)
             where = (float(middle[0]), float(middle[1]), float(middle[2]))

@@ -34,8 +34,10 @@ _LINK_ROOM = 1.35
 #: A strip narrower than twice this, in spacings, gets one line instead of two walls.
 _TWO_WALLS = 0.65
 
-#: Cosine of the tilt up to which a patch counts as printed upright (0.1 deg).
-UPRIGHT = 1 - 2e-6
+#: Cosine of the tilt up to which a flat patch counts as printed upright (1 deg): normals at
+#: small faces are off by some tenths of a degree where heights are off by a ten-thousandth
+#: of a millimetre.
+UPRIGHT = 1 - 1.5e-4
 
 #: A blob between walls with more area than this, in spacings squared, gets a bead.
 _BLOB = 0.2
