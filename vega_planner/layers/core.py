@@ -57,8 +57,8 @@ MOVING_SHARE = 0.3
 #: deeper level does.
 STAYING_RATIO = 0.006
 
-#: A connected piece of which this share is a sliver is made anew, if what else it has is
-#: below this area, in t².
+#: A connected piece of which this share is a sliver is made anew, all of it if what else it
+#: has is below this area, in t².
 SLIVER_SHARE, BESIDE_RATIO = 0.8, 8.0
 
 #: How far sheets lean towards laying twice instead of leaving open, to begin with.
@@ -254,7 +254,7 @@ def _leaving(
     field: DistanceField,
     brr: DistanceField | None,
 ) -> list[tuple[Bools, Bools]]:
-    """Choose the connected pieces of sheets that leave them. No piece is ever cut.
+    """Choose the connected pieces of sheets that leave them, no piece only in part.
 
     Where all pieces of a level would leave though a deeper one stays, the one that does
     the least harm stays too, as long as all such harm keeps within a budget.
@@ -278,6 +278,7 @@ def _leaving(
     """
     moves: list[Bools] = []
     slivers: list[Bools] = []
+    cut: list[Bools] = []
     lasting: list[tuple[float, int, int]] = []
     deeper = False
     for k in reversed(range(len(fronts))):
@@ -290,7 +291,10 @@ def _leaving(
         thin = own & (gap + t < t / 2 + sliver)
         thinly = np.bincount(piece, areas * thin, count)
         narrow = leaves & (thinly > SLIVER_SHARE * total)
-        narrow &= total - thinly < BESIDE_RATIO * t * t
+        # One sheet in the middle of a thin wall is there already.
+        walled = own & (gap + t < MIDDLE_RATIO * t) & (k == 0)
+        cut.insert(0, walled & (narrow & (total - thinly > BESIDE_RATIO * t * t))[piece])
+        narrow &= total - thinly <= BESIDE_RATIO * t * t
         small = np.flatnonzero((total < SMALL_RATIO * t * t) & ~narrow)
         if len(small):
             starts = np.column_stack(
@@ -318,7 +322,10 @@ def _leaving(
             ends = np.bincount(pieces[k], gap < t / 2, len(moves[k])) > 0
             moves[k] |= ends & ~slivers[k]
         begun = begun or bool(len(moves[k]) and (moves[k] | slivers[k]).all())
-    return [(move[piece], thin[piece]) for move, thin, piece in zip(moves, slivers, pieces)]
+    return [
+        (move[piece] & ~off, thin[piece] | (move[piece] & off))
+        for move, thin, piece, off in zip(moves, slivers, pieces, cut)
+    ]
 
 
 def _amount(
