@@ -24,6 +24,10 @@ SHARP = np.radians(45.0)
 #: Up to this angle between the faces, the middle of an edge is on the level set.
 EVEN = np.radians(10.0)
 
+#: How sides are marked whose middle may be off the level set, and those on the rim, which
+#: keeps its place on the restraint region.
+UNEVEN, RIM = 1, 3
+
 #: Width of the strip along a sharp edge over which the thickness falls, in t.
 STRIP_RATIO = 1 / 32
 
@@ -109,6 +113,7 @@ def find_strips(layer: Layer, t: float, field: DistanceField | None = None) -> S
     # Faces that only touch sharp edges all round get a middle that is not sharp.
     flagged = np.zeros(faces.shape, np.uint8)
     kernels.flag_edges(vertices, faces, bend, crease, 2, 2 * width, flagged)
+    flagged[crease == RIM] = 0
     _keep_at_depth(flagged, flagged, vertices, faces, field, depth)
     faces, middles = split_flagged(faces, len(vertices), flagged)
     vertices = np.concatenate([vertices, vertices[middles].mean(1)])
@@ -117,7 +122,8 @@ def find_strips(layer: Layer, t: float, field: DistanceField | None = None) -> S
     _, _, crease = _creases(vertices, faces, t)
     flagged = np.zeros(faces.shape, np.uint8)
     kernels.flag_edges(vertices, faces, bend, np.zeros_like(crease), 1, 2 * width, flagged)
-    _keep_at_depth(flagged, crease == 1, vertices, faces, field, depth)
+    flagged[crease == RIM] = 0
+    _keep_at_depth(flagged, crease == UNEVEN, vertices, faces, field, depth)
     faces, ends = split_flagged(faces, len(vertices), flagged)
     sharp = np.where(bend[ends[:, 0]] > 0, ends[:, 0], ends[:, 1])
     other = ends.sum(1) - sharp

@@ -26,7 +26,8 @@ def find_creases(vertices, faces, most, even, flat, bits, keys, owner, bend, alo
         owner: Scratch: the side that named each edge first, (2^bits,).
         bend: Result: largest angle between the normals at each vertex [rad], 0 at first, (n,).
         along: Result: direction of the sharpest edge at each vertex, (n, 3).
-        crease: Result: 2 for sides on a sharp edge, 1 on one that is not even, (m, 3).
+        crease: Result: 2 for sides on a sharp edge, 1 on one that is not even, 3 on the
+            rim, (m, 3).
     """
     mask = (1 << bits) - 1
     normal, other = np.zeros(3), np.zeros(3)
@@ -41,8 +42,10 @@ def find_creases(vertices, faces, most, even, flat, bits, keys, owner, bend, alo
             if keys[p] < 0:
                 keys[p] = key
                 owner[p] = 3 * f + c
+                crease[f, c] = 3
                 continue
             g, e = owner[p] // 3, owner[p] % 3
+            crease[g, e] = crease[g, e] % 3
             across = cross_of(vertices, faces[g, 0], faces[g, 1], faces[g, 2], other)
             side, cosine, rise = 0.0, 0.0, 0.0
             far = faces[g, (e + 2) % 3]
