@@ -18,14 +18,14 @@ from vega_planner.layers.mitre import find_strips
 from vega_planner.parallel import map_threads
 
 #: Open share of the volume above which something is done about it.
-FILLED_RATIO = 0.0042
+FILLED_RATIO = 0.0034
 
 #: Open share that leaning aims at.
-AIMED_RATIO = 0.0041
+AIMED_RATIO = 0.0033
 
 #: Aims for what stays open and for what is laid twice: between them, nothing is done
 #: for the one that costs the other.
-OPEN_AIM = 0.0045
+OPEN_AIM = 0.0042
 FULL_RATIO = 0.0195
 
 #: How much worse an open volume is than as much laid twice.
@@ -107,24 +107,26 @@ def fill(
     sheets = (*best.layers, *best.cores)
     strips = map_threads(lambda sheet: find_strips(sheet, t, at_depth[sheet.kind]), sheets)
 
-    def mitred(sheets: tuple[Layer, ...]) -> tuple[Layer, ...]:
-        return tuple(strip.on(sheet, t) for strip, sheet in zip(strips, sheets))
-
-    lean, step, gain = LEAN, LEAST_STEP, 0.0
-    while True:
-        layers = tuple(envelopes(core, lean)) if lean > LEAN else best.layers
-        joined = mitred((*layers, *core.cores))
-        then = Filling.of(part, samples, joined[: len(layers)], joined[len(layers) :])
-        if then.harm > best.harm or (best.uncovered < OPEN_AIM and then.overfill > FULL_RATIO):
-            return best
-        if lean > LEAN:
-            gain = (best.uncovered - then.uncovered) / step
-        best = then
-        if best.uncovered < FILLED_RATIO or lean >= MOST_LEAN:
-            return best
+    joined = tuple(strip.on(sheet, t) for strip, sheet in zip(strips, sheets))
+    count = len(best.layers)
+    mitred = Filling.of(part, samples, joined[:count], joined[count:])
+    pays = mitred.harm < best.harm
+    if pays:
+        best = mitred
+    lean, gain = LEAN, 0.0
+    while best.uncovered >= FILLED_RATIO and lean < MOST_LEAN:
         # as far as the last step says, a little at least
         step = LEAST_STEP
         if gain > 0:
             step = max(step, (best.uncovered - AIMED_RATIO) / gain)
         step = min(step, MOST_LEAN - lean)
         lean += step
+        joined = (*envelopes(core, lean), *core.cores)
+        if pays:
+            joined = tuple(strip.on(sheet, t) for strip, sheet in zip(strips, joined))
+        then = Filling.of(part, samples, joined[:count], joined[count:])
+        if then.harm >= best.harm or (best.uncovered < OPEN_AIM and then.overfill > FULL_RATIO):
+            break
+        gain = (best.uncovered - then.uncovered) / step
+        best = then
+    return best
