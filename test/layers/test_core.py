@@ -76,3 +76,21 @@ def test_no_layer_is_cut_inside_the_part():
     inside = stack.part.volume
     assert material / inside < 1.03
     assert stack.uncovered_ratio < 0.006
+
+
+@pytest.mark.parametrize("wall", [1.0, 1.2, 2.5])
+def test_a_cup_of_thin_walls_keeps_its_thick_floor(wall):
+    inside = 20 - 2 * wall
+    solid = Solid.cube((20, 20, 14)) - Solid.cube((inside, inside, 14)).translate((wall, wall, 3))
+    stack = generate_layers(part_of(solid, base, "cup"), SETTINGS)
+    low, high = np.array([wall, wall, 0]), np.array([20 - wall, 20 - wall, 3])
+    points = np.random.default_rng(2).uniform(low, high, (9000, 3)) + stack.part.bounds[0]
+    covered = np.zeros(len(points), bool)
+    material = 0.0
+    for sheet in stack.sheets:
+        found = DistanceField(sheet.vertices, sheet.faces).nearest(points)
+        local = sheet.thickness[sheet.faces].mean(1)
+        covered |= found.distances <= local[found.faces] / 2 * 1.0001
+        material += float(sheet.face_areas @ local)
+    assert covered.mean() > 0.99
+    assert material / stack.part.volume == pytest.approx(1, abs=0.04)

@@ -172,6 +172,7 @@ def fill_core(
         if not own.any():
             continue
         spread = spread_room(front)
+        moved = moved & ~_backward(front, moved)
         last[k] = add_core_sheet(cores, field, front, moved, spread, k * t, False, t)
         own &= kept[k]
         wide = own & opposed & (gap >= WIDE_RATIO * t)
@@ -187,21 +188,33 @@ def fill_core(
             continue
         if k < len(sheets):
             rows = np.flatnonzero(following)
-            ahead = front.feet[front.faces[rows]].mean(1)
-            ahead += (k + 0.5) * t * face_inward(front, rows)
-            there = [(sheets[k].vertices, sheets[k].faces[kept[k]])]
+            feet, inward = front.feet[front.faces[rows]].mean(1), face_inward(front, rows)
+            there = sheets[k].faces[kept[k]]
+            if len(there):
+                ahead = feet + (k + 0.5) * t * inward
+                gone = DistanceField(sheets[k].vertices, there).distances(ahead) > t / 2
+                rows, feet, inward = rows[gone], feet[gone], inward[gone]
             moved_sheet = last[k]
-            if moved_sheet is not None:
-                there.append((moved_sheet.vertices, moved_sheet.faces))
-            for vertices, faces in there:
-                if len(faces):
-                    gone = DistanceField(vertices, faces).distances(ahead) > t / 2
-                    rows, ahead = rows[gone], ahead[gone]
+            if moved_sheet is not None and len(rows):
+                ahead = feet + (k * t + gap[rows, None] / 2) * inward
+                near = DistanceField(moved_sheet.vertices, moved_sheet.faces)
+                rows = rows[near.distances(ahead) > t / 4]
             following = np.zeros(len(following), bool)
             following[rows] = True
         add_core_sheet(cores, field, front, following, spread_room(front), k * t, False, t)
     _join_core(cores, sheets, rooms, kept, t)
     return Core(tuple(cores), tuple(rooms), tuple(kept))
+
+
+def _backward(front: Front, chosen: Bools) -> Bools:
+    """Mark chosen faces that look inwards: of a band between two nodes, one side may be lost."""
+    rows = np.flatnonzero(chosen)
+    a, b, c = (front.vertices[front.faces[rows, corner]] for corner in range(3))
+    outward = np.cross(b - a, c - a)
+    along = np.einsum("ij,ij->i", outward, face_inward(front, rows))
+    backward = np.zeros(len(front.faces), bool)
+    backward[rows] = along > 0.5 * np.linalg.norm(outward, axis=1)
+    return backward
 
 
 def _leave_out(front: Front, chosen: Bools, sheet: Sheet, stays: Bools, t: float) -> None:
@@ -293,7 +306,7 @@ def _leaving(
         narrow = leaves & (thinly > SLIVER_SHARE * total)
         # One sheet in the middle of a thin wall is there already.
         walled = own & (gap + t < MIDDLE_RATIO * t) & (k == 0)
-        cut.insert(0, walled & (narrow & (total - thinly > BESIDE_RATIO * t * t))[piece])
+        cut.insert(0, walled)
         narrow &= total - thinly <= BESIDE_RATIO * t * t
         small = np.flatnonzero((total < SMALL_RATIO * t * t) & ~narrow)
         if len(small):

@@ -19,6 +19,10 @@ from vega_planner.parallel import map_threads
 #: their round ends leave open and what bulges out.
 END_RATIO = 0.75
 
+#: Depth half-way from a wall's middle to its other side, in its room, from which the part
+#: is not thin there.
+THICK_RATIO = 1.25
+
 #: Rows of points along a triangle at most.
 MOST_ROWS = 32
 
@@ -142,6 +146,10 @@ def _grown(front: Front, field: DistanceField) -> Front:
             np.add.at(total, front.faces[rows[fresh], corner], mean[fresh])
             np.add.at(count, front.faces[rows[fresh], corner], 1)
         new = np.flatnonzero(count)
+        reach = (total[new] / count[new])[:, None]
+        # Where it gets deeper farther in, the wall has come to something thick.
+        beyond = field.distances(front.feet[new] + 1.5 * reach * front.inward[new])
+        new = new[beyond < THICK_RATIO * reach[:, 0]]
         room[new] = total[new] / count[new]
         points = front.feet[new] + room[new, None] * front.inward[new]
         sources = np.zeros(len(room), bool)
