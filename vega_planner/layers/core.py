@@ -267,7 +267,7 @@ def _leaving(
     field: DistanceField,
     brr: DistanceField | None,
 ) -> list[tuple[Bools, Bools]]:
-    """Choose the connected pieces of sheets that leave them, no piece only in part.
+    """Choose the connected pieces of sheets that leave them, each as a whole.
 
     Where all pieces of a level would leave though a deeper one stays, the one that does
     the least harm stays too, as long as all such harm keeps within a budget.
@@ -287,11 +287,11 @@ def _leaving(
 
     Returns:
         For each sheet the faces of pieces that move to the middle of their room, and
-        faces of slivers, which are made anew from the layer before.
+        faces of slivers, which are made anew from the layer before. What the sheet in the
+        middle of a thin wall fills counts as slivers, whatever piece it belongs to.
     """
     moves: list[Bools] = []
     slivers: list[Bools] = []
-    cut: list[Bools] = []
     lasting: list[tuple[float, int, int]] = []
     deeper = False
     for k in reversed(range(len(fronts))):
@@ -304,9 +304,6 @@ def _leaving(
         thin = own & (gap + t < t / 2 + sliver)
         thinly = np.bincount(piece, areas * thin, count)
         narrow = leaves & (thinly > SLIVER_SHARE * total)
-        # One sheet in the middle of a thin wall is there already.
-        walled = own & (gap + t < MIDDLE_RATIO * t) & (k == 0)
-        cut.insert(0, walled)
         narrow &= total - thinly <= BESIDE_RATIO * t * t
         small = np.flatnonzero((total < SMALL_RATIO * t * t) & ~narrow)
         if len(small):
@@ -335,10 +332,12 @@ def _leaving(
             ends = np.bincount(pieces[k], gap < t / 2, len(moves[k])) > 0
             moves[k] |= ends & ~slivers[k]
         begun = begun or bool(len(moves[k]) and (moves[k] | slivers[k]).all())
-    return [
-        (move[piece] & ~off, thin[piece] | (move[piece] & off))
-        for move, thin, piece, off in zip(moves, slivers, pieces, cut)
-    ]
+    leaving = [(move[piece], thin[piece]) for move, thin, piece in zip(moves, slivers, pieces)]
+    if leaving:
+        gap, (moved, anew) = gaps[0][0], leaving[0]
+        walled = moved & (gap < t / 2) & (gap + t < MIDDLE_RATIO * t)
+        leaving[0] = moved & ~walled, anew | walled
+    return leaving
 
 
 def _amount(

@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 
 from vega_planner.compiled import kernel
-from vega_planner.layers.triangle_kernels import measure, off_plane
+from vega_planner.layers.triangle_kernels import measure_below
 from vega_planner.part.surface_kernels import cross_of
 
 
@@ -75,11 +75,8 @@ def cover(vertices, faces, thickness, origin, spacing, shape, inside, covered):
                     x = origin[0] + spacing * i
                     y = origin[1] + spacing * j
                     z = origin[2] + spacing * k
-                    off = off_plane(tri, 0, x, y, z)
                     least = np.float64(square[n])
-                    if off * off >= least:
-                        continue
-                    d2 = measure(tri, 0, x, y, z)[0]
+                    d2 = measure_below(tri, 0, x, y, z, least)
                     if d2 < least:
                         square[n] = d2
                         within[n] = (half + 1e-6) ** 2 - d2

@@ -7,14 +7,14 @@ towards laying twice.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from vega_planner.datatypes import Layer, Part
 from vega_planner.layers.core import LEAN, Core
 from vega_planner.layers.coverage import Samples, coverage_ratios, spread_samples
 from vega_planner.layers.distance_field import DistanceField
-from vega_planner.layers.mitre import find_strips
+from vega_planner.layers.mitre import Strips, find_strips
 from vega_planner.parallel import map_threads
 
 #: Open share of the volume above which something is done about it.
@@ -92,8 +92,12 @@ def fill(
     """
     samples = spread_samples(part)
 
-    def filling(core: Core, lean: float) -> Filling:
-        return Filling.of(part, samples, tuple(envelopes(core, lean)), core.cores)
+    def filling(core: Core, lean: float, strips: Sequence[Strips] = ()) -> Filling:
+        sheets = (*envelopes(core, lean), *core.cores)
+        count = len(sheets) - len(core.cores)
+        if strips:
+            sheets = tuple(strip.on(sheet, t) for strip, sheet in zip(strips, sheets))
+        return Filling.of(part, samples, sheets[:count], sheets[count:])
 
     core = cores[0]
     best = filling(core, LEAN)
@@ -104,15 +108,14 @@ def fill(
     if best.uncovered < FILLED_RATIO or not improve:
         return best
     at_depth = {"envelope": field if straight else None, "core": None}
-    sheets = (*best.layers, *best.cores)
-    strips = map_threads(lambda sheet: find_strips(sheet, t, at_depth[sheet.kind]), sheets)
-
-    joined = tuple(strip.on(sheet, t) for strip, sheet in zip(strips, sheets))
-    count = len(best.layers)
-    mitred = Filling.of(part, samples, joined[:count], joined[count:])
-    pays = mitred.harm < best.harm
-    if pays:
+    strips = map_threads(
+        lambda sheet: find_strips(sheet, t, at_depth[sheet.kind]), (*best.layers, *best.cores)
+    )
+    mitred = filling(core, LEAN, strips)
+    if mitred.harm < best.harm:
         best = mitred
+    else:
+        strips = []
     lean, gain = LEAN, 0.0
     while best.uncovered >= FILLED_RATIO and lean < MOST_LEAN:
         # as far as the last step says, a little at least
@@ -121,10 +124,7 @@ def fill(
             step = max(step, (best.uncovered - AIMED_RATIO) / gain)
         step = min(step, MOST_LEAN - lean)
         lean += step
-        joined = (*envelopes(core, lean), *core.cores)
-        if pays:
-            joined = tuple(strip.on(sheet, t) for strip, sheet in zip(strips, joined))
-        then = Filling.of(part, samples, joined[:count], joined[count:])
+        then = filling(core, lean, strips)
         if then.harm >= best.harm or (best.uncovered < OPEN_AIM and then.overfill > FULL_RATIO):
             break
         gain = (best.uncovered - then.uncovered) / step

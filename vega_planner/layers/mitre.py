@@ -44,7 +44,7 @@ OFF_MM = 0.01
 #: have one corner off it, are as thick as the joint.
 RAISED = 1.5
 
-#: Thickness of a sheet at most, in t.
+#: Thickness of a sheet on its sharp edges at most, in t, by kind.
 MOST = {"envelope": 3.2, "core": 2.5}
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from vega_planner.compiled import kernel
-from vega_planner.layers.triangle_kernels import closest, measure, off_plane, walk
+from vega_planner.layers.triangle_kernels import closest, measure, measure_below, walk
 
 LEAF = 4
 
@@ -118,10 +118,7 @@ def nearest(tri, box, x, y, z, hint, bound, stack, lower):
         if i >= first_leaf:
             start = (i - first_leaf) * LEAF
             for s in range(start, min(start + LEAF, count)):
-                off = off_plane(tri, s, x, y, z)
-                if off * off >= least:
-                    continue
-                d2, _, _ = measure(tri, s, x, y, z)
+                d2 = measure_below(tri, s, x, y, z, least)
                 if d2 < least:
                     least = d2
                     best = s

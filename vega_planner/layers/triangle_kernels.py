@@ -77,6 +77,15 @@ def off_plane(tri, s, x, y, z):
     )
 
 
+@kernel
+def measure_below(tri, s, x, y, z, bound):
+    """Squared distance of a point from triangle s where it is below a bound, else the bound."""
+    off = off_plane(tri, s, x, y, z)
+    if off * off >= bound:
+        return bound
+    return min(measure(tri, s, x, y, z)[0], bound)
+
+
 @kernel(error_model="numpy")
 def foot(tri, s, u, v, x, y, z):
     """Place the point a + u ab + v ac of triangle s, as seen from (x, y, z)."""

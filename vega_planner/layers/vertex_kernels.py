@@ -14,6 +14,7 @@ from vega_planner.layers.triangle_kernels import (
     foot,
     heaviest,
     measure,
+    measure_below,
     off_plane,
     walk,
 )
@@ -332,10 +333,7 @@ def clear_about(tri, corner, ring_start, ring, r, slot, origin, h, corner_step, 
                     if s < 0 or s in (before, last):
                         continue
                     before = s
-                    off = off_plane(tri, s, x, y, z)
-                    if off * off >= least:
-                        continue
-                    d2, _, _ = measure(tri, s, x, y, z)
+                    d2 = measure_below(tri, s, x, y, z, least)
                     if d2 < least:
                         least = d2
                         found = s
