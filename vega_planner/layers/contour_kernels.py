@@ -103,17 +103,21 @@ def crossing(d, gradient, level, lev, a, b, axis, h, r):
     """Estimate where a level crosses the edge of the grid from node a to node b.
 
     Both may lie before the level where it is narrower than the grid; the one that counts
-    as before it then tells where it begins.
+    as before it then tells where it begins. So it does where the distance has a ridge
+    between the nodes, beyond which a straight line through both would put the crossing.
 
     Returns:
         Parameter from 0 at a to 1 at b.
     """
     f, g = d[a] - r, d[b] - r
-    if (f > 0.0) != (g > 0.0):
-        return f / (f - g)
     turned = level[a] > lev
     along = -gradient[b, axis] if turned else gradient[a, axis]
     u = 0.5
+    if (f > 0.0) != (g > 0.0):
+        u = f / (f - g)
+        if gradient[a, axis] * gradient[b, axis] >= 0.0:
+            return u
+        u = 1.0 - u if turned else u
     if along > FACING:
         u = min(-(g if turned else f) / (h * along), 1.0)
     return 1.0 - u if turned else u

@@ -172,7 +172,6 @@ def fill_core(
         if not own.any():
             continue
         spread = spread_room(front)
-        moved = moved & ~_backward(front, moved)
         last[k] = add_core_sheet(cores, field, front, moved, spread, k * t, False, t)
         own &= kept[k]
         wide = own & opposed & (gap >= WIDE_RATIO * t)
@@ -204,17 +203,6 @@ def fill_core(
         add_core_sheet(cores, field, front, following, spread_room(front), k * t, False, t)
     _join_core(cores, sheets, rooms, kept, t)
     return Core(tuple(cores), tuple(rooms), tuple(kept))
-
-
-def _backward(front: Front, chosen: Bools) -> Bools:
-    """Mark chosen faces that look inwards: of a band between two nodes, one side may be lost."""
-    rows = np.flatnonzero(chosen)
-    a, b, c = (front.vertices[front.faces[rows, corner]] for corner in range(3))
-    outward = np.cross(b - a, c - a)
-    along = np.einsum("ij,ij->i", outward, face_inward(front, rows))
-    backward = np.zeros(len(front.faces), bool)
-    backward[rows] = along > 0.5 * np.linalg.norm(outward, axis=1)
-    return backward
 
 
 def _leave_out(front: Front, chosen: Bools, sheet: Sheet, stays: Bools, t: float) -> None:
