@@ -67,7 +67,9 @@ def mark_last(
 
 
 @kernel
-def measure_room(tri, box, brr_tri, brr_box, feet, inward, limit, first, last, room, kind):
+def measure_room(
+    tri, box, brr_tri, brr_box, feet, inward, free_from, limit, first, last, room, kind
+):  # fmt: skip
     """Measure how far from its foot on S a front runs before it meets another.
 
     There a ball that touches S at the foot touches it elsewhere too. It begins as large as
@@ -81,6 +83,7 @@ def measure_room(tri, box, brr_tri, brr_box, feet, inward, limit, first, last, r
         brr_tri: Triangle rows of the restraint region, with `brr_box`.
         feet: Points of S, (n, 3).
         inward: Unit vectors into the part, (n, 3).
+        free_from: Depth up to which nothing ends a front [mm].
         limit: Room beyond which nothing is wanted [mm].
         first: First row.
         last: End of the rows.
@@ -93,13 +96,20 @@ def measure_room(tri, box, brr_tri, brr_box, feet, inward, limit, first, last, r
         nx, ny, nz = inward[i, 0], inward[i, 1], inward[i, 2]
         reach = 2.5 * limit
         x, y, z = feet[i, 0] + 1e-5 * nx, feet[i, 1] + 1e-5 * ny, feet[i, 2] + 1e-5 * nz
-        s, u = first_hit(tri, box, x, y, z, x + reach * nx, y + reach * ny, z + reach * nz, stack)
-        c = 0.0
+        ax, ay, az = x + free_from * nx, y + free_from * ny, z + free_from * nz
+        s, u = first_hit(
+            tri, box, ax, ay, az, x + reach * nx, y + reach * ny, z + reach * nz, stack
+        )
+        gone, c = reach, 0.0
         if s >= 0:
+            gone = free_from + u * (reach - free_from)
             c = nx * tri[s, 9] + ny * tri[s, 10] + nz * tri[s, 11]
+            if free_from > 0.0:
+                # Where bodies overlap, a wall of the other one is met from outside.
+                c = abs(c)
         found, facing, plain = OPEN, 1.0, limit
         if len(brr_tri) > 0:
-            ahead = min(limit, u * reach) if s >= 0 else limit
+            ahead = min(limit, gone) if s >= 0 else limit
             q, v = first_hit(
                 brr_tri, brr_box, x, y, z, x + ahead * nx, y + ahead * ny, z + ahead * nz, stack
             )
@@ -108,13 +118,13 @@ def measure_room(tri, box, brr_tri, brr_box, feet, inward, limit, first, last, r
                 if c <= FACING:
                     continue
                 found, plain = REGION, v * ahead
-        if c < AHEAD or (found == OPEN and u * reach * c / (1.0 + c) > FARTHER * limit):
+        if c < AHEAD or (found == OPEN and gone * c / (1.0 + c) > FARTHER * limit):
             continue
-        free = min(limit, 0.5 * u * reach) if s >= 0 else limit
+        free = min(limit, 0.5 * gone) if s >= 0 else limit
         if found == REGION:
             free = plain
         elif c > FACING:
-            plain = u * reach * c / (1.0 + c)
+            plain = gone * c / (1.0 + c)
         for _ in range(SHRINKS if found == OPEN else 0):
             cx, cy, cz = feet[i, 0] + free * nx, feet[i, 1] + free * ny, feet[i, 2] + free * nz
             bound = (free * (1.0 - NEARER)) ** 2
@@ -131,7 +141,7 @@ def measure_room(tri, box, brr_tri, brr_box, feet, inward, limit, first, last, r
             facing = along / free - 1.0
         if found == OPEN and facing > FACING and LEAST * limit < free < limit:
             found = OPPOSED
-        elif plain < limit:
+        elif LEAST * limit < plain < limit or (found == REGION and plain < limit):
             cx, cy, cz = feet[i, 0] + plain * nx, feet[i, 1] + plain * ny, feet[i, 2] + plain * nz
             q, _ = nearest(tri, box, cx, cy, cz, -1, (BESIDE * plain) ** 2, stack, lower)
             if q >= 0:

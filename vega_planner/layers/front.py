@@ -73,7 +73,10 @@ def sheet_front(
     )  # fmt: skip
     chosen = np.flatnonzero(candidates)
     feet = sheet.vertices - sheet.depth * sheet.inward
-    room, kind = measure_rooms(field, brr, feet[chosen], sheet.inward[chosen], sheet.depth + ahead)
+    # A ball of the sheet's depth touches S at the foot alone.
+    room, kind = measure_rooms(
+        field, brr, feet[chosen], sheet.inward[chosen], sheet.depth + ahead, 0.9 * sheet.depth
+    )
     rooms, opposed = np.full(count, np.inf), np.zeros(count, bool)
     rooms[chosen] = room
     opposed[chosen] = kind == kernels.OPPOSED
@@ -185,7 +188,12 @@ def _samples(corners: Floats, spacing: float) -> tuple[Ints, Floats]:
 
 
 def measure_rooms(
-    field: DistanceField, brr: DistanceField | None, feet: Floats, inward: Floats, limit: float
+    field: DistanceField,
+    brr: DistanceField | None,
+    feet: Floats,
+    inward: Floats,
+    limit: float,
+    free_from: float = 0.0,
 ) -> tuple[Floats, Ints]:
     """Measure the room in front of points of S, as far as fronts oppose each other.
 
@@ -195,6 +203,7 @@ def measure_rooms(
         feet: Points of S [mm], shape (n, 3).
         inward: Unit vectors into the part, shape (n, 3).
         limit: Room beyond which nothing is wanted [mm].
+        free_from: Depth up to which nothing ends a front [mm].
 
     Returns:
         Room [mm], infinite where open, and what ends it, both of shape (n,).
@@ -210,7 +219,7 @@ def measure_rooms(
 
     def measure(first: int) -> None:
         kernels.measure_room(
-            field.tri, field.box, brr_tri, brr_box, feet, inward, limit,
+            field.tri, field.box, brr_tri, brr_box, feet, inward, free_from, limit,
             first, min(first + _CHUNK, count), room, kind,
         )  # fmt: skip
 
