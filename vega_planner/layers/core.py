@@ -169,9 +169,11 @@ def fill_core(
         moved, slivers = leaving[k]
         kept[k] &= ~moved & ~slivers
         own = gap < t / 2
-        if not own.any():
+        beside = np.isfinite(front.aside)
+        rooms[k][beside] = front.aside[beside] - k * t
+        if not own.any() and not moved.any():
             continue
-        spread = spread_room(front)
+        spread = np.minimum(spread_room(front), front.aside)
         last[k] = add_core_sheet(cores, field, front, moved, spread, k * t, False, t)
         own &= kept[k]
         wide = own & opposed & (gap >= WIDE_RATIO * t)

@@ -13,7 +13,7 @@ from vega_planner.layers.triangle_kernels import closest
 from vega_planner.part.surface_kernels import cross_of
 
 #: What ends the room in front of a point.
-OPEN, OPPOSED, REGION = 0, 1, 2
+OPEN, OPPOSED, REGION, ASIDE = 0, 1, 2, 3
 
 #: Least cosine between two fronts that meet where they count as opposed.
 FACING = 0.85
@@ -88,7 +88,7 @@ def measure_room(
         first: First row.
         last: End of the rows.
         room: Result, unchanged where open.
-        kind: Result: OPEN, OPPOSED or REGION.
+        kind: Result: OPEN, OPPOSED, REGION, or ASIDE where another front comes from aside.
     """
     stack = np.zeros(64, np.int64)
     lower = np.zeros(64)
@@ -139,20 +139,24 @@ def measure_room(
                 break
             free = (qx * qx + qy * qy + qz * qz) / (2.0 * along)
             facing = along / free - 1.0
+        kind[i] = found
         if found == OPEN and facing > FACING and LEAST * limit < free < limit:
-            found = OPPOSED
-        elif LEAST * limit < plain < limit or (found == REGION and plain < limit):
+            kind[i] = OPPOSED
+        elif plain < limit and (found == REGION or plain > LEAST * limit):
             cx, cy, cz = feet[i, 0] + plain * nx, feet[i, 1] + plain * ny, feet[i, 2] + plain * nz
             q, _ = nearest(tri, box, cx, cy, cz, -1, (BESIDE * plain) ** 2, stack, lower)
-            if q >= 0:
-                continue
-            free = plain
-            if found == OPEN:
-                found = OPPOSED
-        if found == OPEN:
-            continue
-        room[i] = free
-        kind[i] = found
+            if q < 0:
+                free = plain
+                if found == OPEN:
+                    kind[i] = OPPOSED
+            elif found == REGION:
+                kind[i] = OPEN
+            elif -1.0 < facing:
+                kind[i] = ASIDE
+        elif -1.0 < facing < FACING and free < limit:
+            kind[i] = ASIDE
+        if kind[i] != OPEN:
+            room[i] = free
 
 
 @kernel

@@ -42,6 +42,8 @@ class Front:
         room: Depth m at which the fronts meet [mm], infinite where far, shape (n,).
         opposed: True where they meet another front, False at the restraint region.
         measured: True where the room was measured, False where it was carried on.
+        aside: Depth at which a front from aside is met where nothing else fills what lies
+            before it [mm], infinite elsewhere, shape (n,).
     """
 
     level: int
@@ -52,6 +54,7 @@ class Front:
     room: Floats
     opposed: Bools
     measured: Bools
+    aside: Floats
 
 
 def sheet_front(
@@ -74,15 +77,37 @@ def sheet_front(
     chosen = np.flatnonzero(candidates)
     feet = sheet.vertices - sheet.depth * sheet.inward
     # A ball of the sheet's depth touches S at the foot alone.
+    met = np.full(len(chosen), np.inf)
     room, kind = measure_rooms(
-        field, brr, feet[chosen], sheet.inward[chosen], sheet.depth + ahead, 0.9 * sheet.depth
-    )
+        field, brr, feet[chosen], sheet.inward[chosen], sheet.depth + ahead, 0.9 * sheet.depth,
+        met,
+    )  # fmt: skip
     rooms, opposed = np.full(count, np.inf), np.zeros(count, bool)
     rooms[chosen] = room
     opposed[chosen] = kind == kernels.OPPOSED
+    first = sheet.depth + t / 2
+    rows = np.flatnonzero((met > first) & (met < first + t / 2))
+    aside = np.full(count, np.inf)
+    if len(rows):
+        places = feet[chosen[rows]] + met[rows, None] * sheet.inward[chosen[rows]]
+        rows = rows[_deepest_about(grid, places) < level + 2]
+        aside[chosen[rows]] = met[rows]
     return Front(
-        level, sheet.vertices, sheet.faces, feet, sheet.inward, rooms, opposed, np.isfinite(rooms)
-    )
+        level, sheet.vertices, sheet.faces, feet, sheet.inward, rooms, opposed,
+        np.isfinite(rooms), aside,
+    )  # fmt: skip
+
+
+def _deepest_about(grid: Grid, points: Floats) -> Ints:
+    """Find the most levels that a node of the grid next to a point has passed."""
+    shape = np.array(grid.shape)
+    node = np.clip(np.rint((points - grid.origin) / grid.spacing).astype(np.int64), 1, shape - 2)
+    level = grid.level.reshape(grid.shape)
+    near = (-1, 0, 1)
+    deepest = np.zeros(len(points), np.int64)
+    for step in [(i, j, k) for i in near for j in near for k in near]:
+        np.maximum(deepest, level[tuple((node + step).T)], out=deepest)
+    return deepest
 
 
 def thin_walls(
@@ -125,7 +150,10 @@ def thin_walls(
     inward /= np.where(length > 0, length, 1.0)
     room, kind = measure_rooms(field, brr, vertices, inward, limit)
     measured = np.isfinite(room)
-    front = Front(-1, vertices, faces, vertices, inward, room, kind == kernels.OPPOSED, measured)
+    none = np.full(len(vertices), np.inf)
+    front = Front(
+        -1, vertices, faces, vertices, inward, room, kind == kernels.OPPOSED, measured, none
+    )
     return _grown(front, field)
 
 
@@ -194,6 +222,7 @@ def measure_rooms(
     inward: Floats,
     limit: float,
     free_from: float = 0.0,
+    aside: Floats | None = None,
 ) -> tuple[Floats, Ints]:
     """Measure the room in front of points of S, as far as fronts oppose each other.
 
@@ -204,6 +233,7 @@ def measure_rooms(
         inward: Unit vectors into the part, shape (n, 3).
         limit: Room beyond which nothing is wanted [mm].
         free_from: Depth up to which nothing ends a front [mm].
+        aside: Result: depth at which a front from aside is met [mm], where one is, (n,).
 
     Returns:
         Room [mm], infinite where open, and what ends it, both of shape (n,).
@@ -224,6 +254,10 @@ def measure_rooms(
         )  # fmt: skip
 
     map_threads(measure, range(0, count, _CHUNK))
+    met = kind == kernels.ASIDE
+    if aside is not None:
+        aside[met] = room[met]
+    room[met], kind[met] = np.inf, kernels.OPEN
     return room, kind
 
 
