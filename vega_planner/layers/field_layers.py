@@ -17,6 +17,7 @@ from vega_planner.layers.folds import folded_ears
 from vega_planner.layers.geodesic import Sources, bend_distances, is_convex_at_region
 from vega_planner.layers.grid import finish, sample_part
 from vega_planner.layers.refine import refine_sheet
+from vega_planner.layers.settle import settle_sheet
 from vega_planner.layers.summits import with_summits
 from vega_planner.layers.tidy import tidy_sheet
 from vega_planner.parallel import map_threads
@@ -33,6 +34,9 @@ THIN_SPACING_RATIO = 0.45
 #: Walls are thin below this mean thickness, and finely shaped below this size of faces, in t.
 THIN_RATIO, FINE_RATIO = 3.0, 1.5
 
+#: Gaps narrower than the grid matter where more than this share of its nodes is beside one.
+GAP_SHARE = 0.002
+
 #: Vertices of all layers before refinement, and nodes of the grid, that are affordable.
 MOST_VERTICES = 3e6
 MOST_NODES = 12e6
@@ -41,18 +45,23 @@ MOST_NODES = 12e6
 OPEN_RATIO = 0.01
 
 
-def grid_spacing(part: Part, t: float) -> float:
+def grid_spacing(part: Part, t: float, gaps: bool = False) -> float:
     """Choose the spacing h of the grid [mm].
 
     About two nodes to a layer, closer where walls are thin and finely shaped; farther apart
     for a part so large that its layers would have more than `MOST_VERTICES` vertices or its
     grid more than `MOST_NODES` nodes.
+
+    Args:
+        part: The part.
+        t: Layer thickness [mm].
+        gaps: Whether the part is known to have gaps narrower than the grid.
     """
     area = float(part.face_areas[~part.restrained].sum())
     faces = int((~part.restrained).sum())
     thin = 2 * part.volume < THIN_RATIO * t * area
     fine = area < faces * (FINE_RATIO * t) ** 2
-    ratio = THIN_SPACING_RATIO if thin and fine else SPACING_RATIO
+    ratio = THIN_SPACING_RATIO if gaps or (thin and fine) else SPACING_RATIO
     by_vertices = (1.5 * part.volume / (t * MOST_VERTICES)) ** (1 / 2)
     by_nodes = (float(np.prod(np.ptp(part.bounds, axis=0))) / MOST_NODES) ** (1 / 3)
     return max(ratio * t, by_vertices, by_nodes)
@@ -87,6 +96,9 @@ def field_layers(part: Part, settings: LayerSettings, report: Report) -> LayerSt
     if part.restrained.any():
         brr = DistanceField(part.vertices, part.faces[part.restrained])
     grid = sample_part(part, field, grid_spacing(part, t), report)
+    gaps = grid.gap_share > GAP_SHARE
+    if gaps and grid_spacing(part, t, gaps) < grid.spacing:
+        grid = sample_part(part, field, grid_spacing(part, t, gaps), report)
     sources = Sources.straight(field)
     warnings: tuple[str, ...] = ()
     if brr is not None and not is_convex_at_region(part):
@@ -101,9 +113,13 @@ def field_layers(part: Part, settings: LayerSettings, report: Report) -> LayerSt
     sheets = contour_levels(grid, sources, brr, t / 2, t)
     if len(sources.box):
         sheets = with_summits(grid, field, brr, sheets, t, SLIVER_RATIO * t / 2)
-    sheets = map_threads(
-        lambda sheet: tidy_sheet(refine_sheet(sheet, grid, sources, brr), sources, t), sheets
-    )
+    settle = gaps and len(sources.box) > 0
+
+    def refined(sheet: Sheet) -> Sheet:
+        sheet = refine_sheet(sheet, grid, sources, brr)
+        return tidy_sheet(settle_sheet(sheet, field) if settle else sheet, sources, t)
+
+    sheets = map_threads(refined, sheets)
     ways = [Core.nothing(sheets, t)]
     if settings.fill_core:
         ways = [fill_core(part, grid, field, brr, sheets, t)]

@@ -19,6 +19,9 @@ from vega_planner.progress import Progress, Report
 #: depend on the number of cores; even, so that neighbours are never swept together.
 SLABS = 8
 
+#: Nodes this near to one that was found to be wrong at a narrow gap are measured exactly.
+GAP_NODES = 3
+
 #: Exact distances are looked up within this many spacings of the surface; the sweeps
 #: carry them on from there.
 _BAND = 2.5
@@ -38,6 +41,7 @@ class Grid:
         slot: Nearest triangle of S, in tree order; -1 where unknown, (n,).
         gradient: Gradient of the distance, (n, 3).
         level: Number of levels below the distance, (n,).
+        gap_share: Share of the inside nodes that were beside gaps narrower than the grid.
     """
 
     origin: Floats
@@ -48,6 +52,7 @@ class Grid:
     slot: np.ndarray
     gradient: np.ndarray
     level: np.ndarray
+    gap_share: float = 0.0
 
     def points(self, nodes: np.ndarray) -> Floats:
         """Positions of nodes [mm], shape (n, 3)."""
@@ -181,12 +186,53 @@ def sample_nodes(
         )
 
     sweep_all()
-    if sum(map_threads(mend, slabs[::2])) + sum(map_threads(mend, slabs[1::2])):
+    handed = slot.copy()
+    mended = sum(map_threads(mend, slabs[::2])) + sum(map_threads(mend, slabs[1::2]))
+    if mended:
         sweep_all()
+        _measure_about(slot != handed, state, origin, h, shape, field, slot, known)
     distance, gradient = np.zeros(count, np.float32), np.zeros((count, 3), np.float32)
     pieces = [count * k // SLABS for k in range(SLABS + 1)]
     map_threads(lambda s: kernels.part_known(known, *s, distance, gradient), pairwise(pieces))
-    return Grid(origin, h, shape, state, distance, slot, gradient, np.zeros(count, np.int16))
+    gap_share = mended / np.count_nonzero(state == kernels.INSIDE) if mended else 0.0
+    level = np.zeros(count, np.int16)
+    return Grid(origin, h, shape, state, distance, slot, gradient, level, gap_share)
+
+
+def _measure_about(
+    marked: np.ndarray,
+    state: np.ndarray,
+    origin: Floats,
+    h: float,
+    shape: tuple[int, int, int],
+    field: DistanceField,
+    slot: np.ndarray,
+    known: np.ndarray,
+) -> None:
+    """Measure the inside nodes about marked ones exactly, in place.
+
+    About a gap narrower than the grid no node may hold the nearest triangle of its
+    neighbours, so that sweeping does not hand it to them.
+    """
+    about = marked.reshape(shape)
+    for axis in range(3):
+        for _ in range(GAP_NODES):
+            wider = about.copy()
+            ahead, behind = np.moveaxis(wider, axis, 0), np.moveaxis(about, axis, 0)
+            ahead[1:] |= behind[:-1]
+            ahead[:-1] |= behind[1:]
+            about = wider
+    nodes = np.flatnonzero(about.ravel() & (state == kernels.INSIDE))
+    points = origin + h * np.stack(np.unravel_index(nodes, shape), axis=1)
+    exact = field.nearest(points)
+    nearer = np.flatnonzero(exact.distances < known[nodes, 0] * (1 - 1e-6))
+    nodes, points = nodes[nearer], points[nearer]
+    place = np.zeros(len(field.faces), slot.dtype)
+    place[field.faces] = np.arange(len(field.faces))
+    away = exact.distances[nearer, None]
+    slot[nodes] = place[exact.faces[nearer]]
+    known[nodes, 0] = away[:, 0]
+    known[nodes, 1:] = (points - exact.points[nearer]) / np.maximum(away, 1e-9)
 
 
 def finish(

@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A last look at the vertices of a sheet where gaps narrower than the grid are about.
+
+The nodes about a vertex may all have been across such a gap; then it stands on another
+sheet than the nearest. Measured exactly, it is moved onto its level, or its faces go.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from vega_planner.layers.contour import Sheet
+from vega_planner.layers.distance_field import DistanceField
+
+#: Vertices this far off their level are moved, and left out if that far off afterwards [mm].
+OFF_MM, LOST_MM = 0.02, 0.05
+
+#: How far a vertex is moved at most, in the depth of its sheet, and in how many steps.
+FARTHEST, STEPS = 2.0, 12
+
+
+def settle_sheet(sheet: Sheet, field: DistanceField) -> Sheet:
+    """Move the vertices of a sheet that are off their level onto it, or leave out their faces.
+
+    Args:
+        sheet: The sheet, of straight distances.
+        field: Distances to S.
+
+    Returns:
+        The sheet; those of its vertices that stay keep their order.
+    """
+    depth = sheet.depth
+    found = field.nearest(sheet.vertices)
+    rows = np.flatnonzero((np.abs(found.distances - depth) > OFF_MM) & ~sheet.rim)
+    if len(rows) == 0:
+        return sheet
+    points, best = sheet.vertices[rows], sheet.vertices[rows]
+    least = np.abs(found.distances[rows] - depth)
+    for _ in range(STEPS):
+        found = field.nearest(points)
+        away = points - found.points
+        off = np.abs(found.distances - depth)
+        far = np.linalg.norm(points - sheet.vertices[rows], axis=1) > FARTHEST * depth
+        better = (off < least) & ~far
+        best, least = np.where(better[:, None], points, best), np.where(better, off, least)
+        points = found.points + away * (depth / np.maximum(found.distances, 1e-9))[:, None]
+    found = field.nearest(best)
+    place = np.zeros(len(field.faces), np.int64)
+    place[field.faces] = np.arange(len(field.faces))
+    vertices, slots, inward = sheet.vertices.copy(), sheet.slots.copy(), sheet.inward.copy()
+    vertices[rows], slots[rows] = best, place[found.faces]
+    inward[rows] = (best - found.points) / np.maximum(found.distances, 1e-9)[:, None]
+    lost = np.zeros(len(vertices), bool)
+    lost[rows] = least > LOST_MM
+    faces = sheet.faces[~lost[sheet.faces].any(1)]
+    used = np.zeros(len(vertices), bool)
+    used[faces] = True
+    number = np.cumsum(used) - 1
+    return replace(
+        sheet, vertices=vertices[used], faces=number[faces], slots=slots[used],
+        rim=sheet.rim[used], inward=inward[used],
+    )  # fmt: skip
