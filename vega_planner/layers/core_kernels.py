@@ -145,6 +145,11 @@ def measure_room(
         elif plain < limit and (found == REGION or plain > LEAST * limit):
             cx, cy, cz = feet[i, 0] + plain * nx, feet[i, 1] + plain * ny, feet[i, 2] + plain * nz
             q, _ = nearest(tri, box, cx, cy, cz, -1, (BESIDE * plain) ** 2, stack, lower)
+            if q >= 0 and free_from > 0.0:
+                # What is that near to the foot is the wall of an overlapping body.
+                d2, _, _, _ = closest(tri, q, feet[i, 0], feet[i, 1], feet[i, 2])
+                if d2 < free_from * free_from:
+                    q = -1
             if q < 0:
                 free = plain
                 if found == OPEN:

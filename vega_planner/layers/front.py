@@ -135,7 +135,9 @@ def thin_walls(
         grid.distance, grid.gradient, 0.0, 0, len(points), candidates,
     )  # fmt: skip
     chosen = np.flatnonzero(candidates)
-    room, _ = measure_rooms(field, brr, points[chosen], inward[chosen], limit)
+    # Where bodies overlap by less than that, the room goes on behind their walls.
+    overlap = 2 * kernels.LEAST * limit if grid.gap_share > 0 else 0.0
+    room, _ = measure_rooms(field, brr, points[chosen], inward[chosen], limit, overlap)
     thin = np.unique(owner[chosen[np.isfinite(room)]])
     used, faces = np.unique(surface[thin], return_inverse=True)
     vertices, faces = split_long_edges(
@@ -148,7 +150,7 @@ def thin_walls(
         np.add.at(inward, faces[:, corner], -cross)
     length = np.linalg.norm(inward, axis=1, keepdims=True)
     inward /= np.where(length > 0, length, 1.0)
-    room, kind = measure_rooms(field, brr, vertices, inward, limit)
+    room, kind = measure_rooms(field, brr, vertices, inward, limit, overlap)
     measured = np.isfinite(room)
     none = np.full(len(vertices), np.inf)
     front = Front(
