@@ -156,7 +156,7 @@ def measure_room(
                     kind[i] = OPPOSED
             elif found == REGION:
                 kind[i] = OPEN
-            elif -1.0 < facing:
+            elif facing > -1.0:
                 kind[i] = ASIDE
         elif -1.0 < facing < FACING and free < limit:
             kind[i] = ASIDE

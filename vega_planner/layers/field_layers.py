@@ -117,7 +117,7 @@ def field_layers(part: Part, settings: LayerSettings, report: Report) -> LayerSt
 
     def refined(sheet: Sheet) -> Sheet:
         sheet = refine_sheet(sheet, grid, sources, brr)
-        return tidy_sheet(settle_sheet(sheet, field) if settle else sheet, sources, t)
+        return tidy_sheet(settle_sheet(sheet, field, brr) if settle else sheet, sources, t)
 
     sheets = map_threads(refined, sheets)
     ways = [Core.nothing(sheets, t)]

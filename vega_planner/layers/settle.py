@@ -21,12 +21,13 @@ OFF_MM, LOST_MM = 0.02, 0.05
 FARTHEST, STEPS = 2.0, 12
 
 
-def settle_sheet(sheet: Sheet, field: DistanceField) -> Sheet:
+def settle_sheet(sheet: Sheet, field: DistanceField, brr: DistanceField | None) -> Sheet:
     """Move the vertices of a sheet that are off their level onto it, or leave out their faces.
 
     Args:
         sheet: The sheet, of straight distances.
         field: Distances to S.
+        brr: Distances to the restraint region, or None.
 
     Returns:
         The sheet; those of its vertices that stay keep their order.
@@ -53,7 +54,13 @@ def settle_sheet(sheet: Sheet, field: DistanceField) -> Sheet:
     vertices[rows], slots[rows] = best, place[found.faces]
     inward[rows] = (best - found.points) / np.maximum(found.distances, 1e-9)[:, None]
     lost = np.zeros(len(vertices), bool)
-    lost[rows] = least > LOST_MM
+    # Of a wall of an overlapping body both sides are inside: only who is out of S after
+    # a way through it has left the part.
+    out = (inward[rows] * field.normals(found.faces)).sum(1) > 0
+    out &= field.first_hits(sheet.vertices[rows], best)[0] >= 0
+    if brr is not None:
+        out |= brr.first_hits(sheet.vertices[rows], best)[0] >= 0
+    lost[rows] = (least > LOST_MM) | out
     faces = sheet.faces[~lost[sheet.faces].any(1)]
     used = np.zeros(len(vertices), bool)
     used[faces] = True
