@@ -19,6 +19,9 @@ _CHUNK = 4096
 #: Subtrees that threads sort, and leaves from which on that pays.
 _SUBTREES, _MANY = 8, 1024
 
+#: Cells along each axis, at most, that tell which faces come near to points.
+_CELLS = 64
+
 
 @dataclass(frozen=True, eq=False)
 class NearestPoints:
@@ -136,6 +139,34 @@ class DistanceField:
 
         map_threads(answer, range(0, count, _CHUNK))
         return np.where(slot >= 0, self.faces[slot], -1), parameter
+
+
+def distances_within(vertices: Floats, faces: Ints, points: Floats, reach: float) -> Floats:
+    """Measure the distance of a few points to a mesh, as far as it matters.
+
+    Args:
+        vertices: Points of the mesh [mm], shape (n, 3).
+        faces: Its vertex indices, shape (m, 3).
+        points: Points that are asked about [mm], shape (k, 3).
+        reach: Distance from which on it does not matter [mm].
+
+    Returns:
+        The distances [mm], infinite from `reach` on, shape (k,).
+    """
+    found = np.full(len(points), np.inf)
+    if len(points) == 0 or len(faces) == 0:
+        return found
+    points = np.ascontiguousarray(points, np.float64)
+    faces = np.ascontiguousarray(faces, np.int64)
+    low, high = points.min(0) - 1.01 * reach, points.max(0) + 1.01 * reach
+    size = max(2 * reach, float((high - low).max()) / _CELLS)
+    cells = np.zeros(((high - low) / size).astype(np.int64) + 1, np.uint8)
+    trees.mark_cells(points, reach, low, size, cells)
+    near = np.zeros(len(faces), bool)
+    trees.mark_faces(vertices, faces, low, size, cells, near)
+    if near.any():
+        found = DistanceField(vertices, faces[near]).distances(points)
+    return np.where(found < reach, found, np.inf)
 
 
 def _sorted(middles: Floats, leaves: int) -> Ints:

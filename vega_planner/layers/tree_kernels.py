@@ -346,3 +346,47 @@ def first_hit_many(tri, box, starts, ends, first, last, slot, parameter):
         )
         slot[i] = s
         parameter[i] = u
+
+
+@kernel
+def mark_cells(points, reach, low, size, cells):
+    """Mark the cells of a lattice that come within a distance of points, along each axis.
+
+    Args:
+        points: Points [mm], (n, 3).
+        reach: The distance [mm].
+        low: Where the lattice begins, `reach` or more before all points [mm].
+        size: Size of its cells [mm].
+        cells: Result, 0 at first, (i, j, k).
+    """
+    first, last = np.zeros(3, np.int64), np.zeros(3, np.int64)
+    for n in range(len(points)):
+        for k in range(3):
+            first[k] = int((points[n, k] - reach - low[k]) / size)
+            last[k] = min(int((points[n, k] + reach - low[k]) / size), cells.shape[k] - 1)
+        cells[first[0] : last[0] + 1, first[1] : last[1] + 1, first[2] : last[2] + 1] = 1
+
+
+@kernel
+def mark_faces(vertices, faces, low, size, cells, marked):
+    """Mark the faces whose boxes meet a marked cell of a lattice.
+
+    Args:
+        vertices: Points [mm], (n, 3).
+        faces: Vertex indices, (m, 3).
+        low: Where the lattice begins [mm].
+        size: Size of its cells [mm].
+        cells: Nonzero for marked cells, (i, j, k).
+        marked: Result, 0 at first, (m,).
+    """
+    first, last = np.zeros(3, np.int64), np.zeros(3, np.int64)
+    for f in range(len(faces)):
+        for k in range(3):
+            a, b, c = vertices[faces[f, 0], k], vertices[faces[f, 1], k], vertices[faces[f, 2], k]
+            first[k] = max(int((min(a, b, c) - low[k]) / size), 0)
+            last[k] = min(int(np.floor((max(a, b, c) - low[k]) / size)), cells.shape[k] - 1)
+        for i in range(first[0], last[0] + 1):
+            for j in range(first[1], last[1] + 1):
+                for k in range(first[2], last[2] + 1):
+                    if cells[i, j, k]:
+                        marked[f] = True
