@@ -129,6 +129,8 @@ def measure_room(tri, box, brr_tri, brr_box, feet, inward, limit, first, last, r
                 break
             free = (qx * qx + qy * qy + qz * qz) / (2.0 * along)
             facing = along / free - 1.0
+            if facing <= FACING and u * reach * c / (1.0 + c) > FARTHER * free:
+                break  # a front from aside; the one ahead is too far to end it before
         if found == OPEN and facing > FACING and LEAST * limit < free < limit:
             found = OPPOSED
         elif plain < limit:

@@ -66,6 +66,7 @@ def cover(vertices, faces, thickness, origin, spacing, row, before_corner, cover
     reach = 0.5 * thickness.max() + 1e-6
     square = np.full(len(covered), reach * reach, np.float32)
     within = np.full(len(covered), -1.0, np.float32)
+    scale = 1.0 / spacing
     for f in range(len(faces)):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
         half = (thickness[a] + thickness[b] + thickness[c]) / 6.0
@@ -75,8 +76,8 @@ def cover(vertices, faces, thickness, origin, spacing, row, before_corner, cover
         for k in range(3):
             p, q, r = vertices[a, k], vertices[b, k], vertices[c, k]
             low, high = min(p, q, r) - reach - origin[k], max(p, q, r) + reach - origin[k]
-            first[k] = max(int(np.ceil(low / spacing)), 0)
-            last[k] = min(int(np.floor(high / spacing)), row.shape[k] - 1)
+            first[k] = max(int(np.ceil(low * scale)), 0)
+            last[k] = min(int(np.floor(high * scale)), row.shape[k] - 1)
             box *= max(last[k] - first[k] + 1, 0)
         if box >= MANY and count_between(before_corner, first, last) == 0:
             continue
