@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vega_planner.errors import InvalidInput
-from vega_planner.layers.distance_field import DistanceField
+from vega_planner.layers.distance_field import DistanceField, distances_within
 
 
 @settings(deadline=None, derandomize=True, max_examples=30)
@@ -54,3 +54,22 @@ def test_segments_meet_the_first_face_in_their_way():
 def test_a_field_of_nothing_is_refused():
     with pytest.raises(InvalidInput):
         DistanceField(np.zeros((0, 3)), np.zeros((0, 3), np.int64))
+
+
+@settings(deadline=None, derandomize=True, max_examples=30)
+@given(st.integers(0, 10**6), st.floats(0.01, 3.0), st.floats(0.05, 20.0))
+def test_distances_within_reach_are_the_distances(seed, reach, spread):
+    rng = np.random.default_rng(seed)
+    vertices = rng.uniform(-spread, spread, (90, 3))
+    faces = np.arange(90).reshape(-1, 3)
+    points = rng.uniform(-spread, spread, (25, 3))
+    expected = DistanceField(vertices, faces).distances(points)
+    found = distances_within(vertices, faces, points, reach)
+    assert np.array_equal(found, np.where(expected < reach, expected, np.inf))
+
+
+def test_nothing_is_within_reach_of_no_points_or_no_faces():
+    corners, none = np.eye(3), np.zeros((0, 3))
+    face = np.array([[0, 1, 2]])
+    assert len(distances_within(corners, face, none, 1.0)) == 0
+    assert np.isinf(distances_within(corners, none.astype(np.int64), corners, 1.0)).all()

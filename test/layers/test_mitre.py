@@ -9,8 +9,9 @@ import trimesh
 
 from vega_planner.datatypes import Layer
 from vega_planner.layers import generate_layers
+from vega_planner.layers import mitre_kernels as kernels
 from vega_planner.layers.distance_field import DistanceField
-from vega_planner.layers.mitre import MOST, find_strips
+from vega_planner.layers.mitre import MOST, SHARP, _creases, find_strips
 from vega_planner.layers.subdivide import split_long_edges
 from vega_planner.settings import LayerSettings
 
@@ -143,3 +144,22 @@ def test_a_small_part_of_sharp_edges_is_filled():
     assert material / part.volume - covered.mean() < 0.004
     plain = generate_layers(part, LayerSettings(thickness_mm=T, fill_core=False))
     assert all(layer.mitre is None for layer in plain.sheets)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_both_ends_of_every_sharp_edge_are_among_the_vertices_where_faces_turn(seed):
+    mesh = trimesh.creation.icosphere(3, 5.0)
+    rng = np.random.default_rng(seed)
+    rough = np.array(mesh.vertices) * (1 + 0.08 * rng.normal(size=(len(mesh.vertices), 1)))
+    faces = np.array(mesh.faces, np.int64)
+    bent = np.zeros(len(rough), np.uint8)
+    kernels.mark_bent(rough, faces, np.cos(SHARP / 2), np.zeros(rough.shape), bent)
+    bend, along, crease = _creases(rough, faces, np.ones(len(rough), np.uint8), 2, T)
+    assert 0.1 < (bend > 0).mean() < 0.9
+    assert bent[bend > 0].all()
+    some = _creases(rough, faces, bent, 2, T)
+    assert np.array_equal(some[0], bend)
+    assert np.array_equal(some[1], along)
+    beside = _creases(rough, faces, bend > 0, 1, T)[2]
+    touching = (bend[faces] > 0) | (bend[np.roll(faces, -1, axis=1)] > 0)
+    assert np.array_equal(beside[touching], crease[touching])

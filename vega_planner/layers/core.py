@@ -25,7 +25,7 @@ import numpy as np
 from vega_planner.datatypes import Bools, Floats, Ints, Layer, Part
 from vega_planner.layers.contour import Sheet
 from vega_planner.layers.core_sheet import add_core_sheet
-from vega_planner.layers.distance_field import DistanceField
+from vega_planner.layers.distance_field import DistanceField, distances_within
 from vega_planner.layers.front import (
     Front,
     face_areas,
@@ -193,7 +193,7 @@ def fill_core(
             there = sheets[k].faces[kept[k]]
             if len(there):
                 ahead = feet + (k + 0.5) * t * inward
-                gone = DistanceField(sheets[k].vertices, there).distances(ahead) > t / 2
+                gone = distances_within(sheets[k].vertices, there, ahead, t / 2) > t / 2
                 rows, feet, inward = rows[gone], feet[gone], inward[gone]
             moved_sheet = last[k]
             if moved_sheet is not None and len(rows):
@@ -215,10 +215,9 @@ def _leave_out(front: Front, chosen: Bools, sheet: Sheet, stays: Bools, t: float
     middles = front.feet[corners].mean(1)
     middles += np.nanmean(room, axis=1)[:, None] * face_inward(front, rows)
     if stays.any():
-        near = (
-            DistanceField(sheet.vertices, sheet.faces[stays]).distances(middles) < WITHIN_RATIO * t
-        )
-        chosen[rows[near]] = False
+        reach = WITHIN_RATIO * t
+        near = distances_within(sheet.vertices, sheet.faces[stays], middles, reach)
+        chosen[rows[near < reach]] = False
 
 
 def _join_core(

@@ -139,6 +139,8 @@ def measure_room(
                 break
             free = (qx * qx + qy * qy + qz * qz) / (2.0 * along)
             facing = along / free - 1.0
+            if free_from == 0.0 and facing <= FACING and gone * c / (1.0 + c) > FARTHER * free:
+                break  # a front from aside; the one ahead is too far to end it before
         kind[i] = found
         if found == OPEN and facing > FACING and LEAST * limit < free < limit:
             kind[i] = OPPOSED

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vega_planner.datatypes import Floats, Layer, Part
+from vega_planner.datatypes import Floats, Ints, Layer, Part
 from vega_planner.layers import coverage_kernels as kernels
 from vega_planner.layers.grid import inside_states
 from vega_planner.layers.grid_kernels import INSIDE
@@ -29,13 +29,29 @@ class Samples:
         origin: First point of the lattice, along its `AXES` [mm], shape (3,).
         spacing: Distance between neighbours [mm].
         shape: Points along each axis.
-        inside: Nonzero for the points in the part, flat.
+        nodes: The points in the part, as flat indices, shape (n,).
     """
 
     origin: Floats
     spacing: float
     shape: tuple[int, int, int]
-    inside: np.ndarray
+    nodes: Ints
+
+
+@dataclass(frozen=True, eq=False)
+class Coverage:
+    """What sheets cover of a part.
+
+    Attributes:
+        uncovered: Volume inside no sheet's own thickness, over the part's volume.
+        overfill: Material of all sheets, area times thickness, beyond the inside volume
+            that they cover, over the part's volume.
+        open_nodes: The samples that no sheet covers, shape (k,).
+    """
+
+    uncovered: float
+    overfill: float
+    open_nodes: Ints
 
 
 def spread_samples(part: Part) -> Samples:
@@ -47,38 +63,47 @@ def spread_samples(part: Part) -> Samples:
     shape = (across, along, up)
     origin = low - 0.37 * spacing
     state = inside_states(turned, part.faces, origin, spacing, shape)
-    return Samples(origin, spacing, shape, (state == INSIDE).astype(np.uint8))
+    return Samples(origin, spacing, shape, np.flatnonzero(state == INSIDE))
 
 
-def coverage_ratios(
-    part: Part, samples: Samples, sheets: tuple[Layer, ...]
-) -> tuple[float, float]:
+def measure_coverage(
+    part: Part, samples: Samples, sheets: tuple[Layer, ...], before: Coverage | None = None
+) -> Coverage:
     """Compare what the sheets cover with the part.
 
-    A sheet covers what lies within half its local thickness. The overfill is the
-    material of all sheets, area times thickness, beyond the inside volume they cover.
+    A sheet covers what lies within half its local thickness.
 
     Args:
         part: The part.
         samples: Points of the part.
         sheets: All layers, cores included.
+        before: Coverage of sheets of the same shape that were nowhere thicker, if known:
+            only what they left open is looked at.
 
     Returns:
-        Uncovered volume and overfill, over the part's volume.
+        What is covered.
     """
-    covered = np.zeros_like(samples.inside)
-    shape = np.array(samples.shape)
+    nodes = samples.nodes if before is None else before.open_nodes
+    row = np.full(samples.shape, -1, np.int32)
+    row.flat[nodes] = np.arange(len(nodes), dtype=np.int32)
+    before_corner = np.zeros([n + 1 for n in samples.shape], np.int32)
+    before_corner[1:, 1:, 1:] = row >= 0
+    for axis in range(3):
+        np.cumsum(before_corner, axis=axis, out=before_corner)
+    covered = np.zeros(len(nodes), np.uint8)
 
     def cover(sheet: Layer) -> float:
         turned = np.ascontiguousarray(sheet.vertices @ AXES)
-        laid: float = kernels.cover(
-            turned, sheet.faces, sheet.thickness, samples.origin, samples.spacing, shape,
-            samples.inside, covered,
+        material: float = kernels.cover(
+            turned, sheet.faces, sheet.thickness, samples.origin, samples.spacing, row,
+            before_corner, covered,
         )  # fmt: skip
-        return laid
+        return material
 
     # Threads only ever set marks, so their order does not matter.
     material = sum(map_threads(cover, [sheet for sheet in sheets if len(sheet.faces)]))
-    count = int(samples.inside.sum())
-    share = float(covered.sum()) / count if count else 0.0
-    return 1.0 - share, max(0.0, material / part.volume - share)
+    open_nodes = nodes[covered == 0]
+    count = len(samples.nodes)
+    share = (count - len(open_nodes)) / count if count else 0.0
+    overfill = max(0.0, material / part.volume - share)
+    return Coverage(1.0 - share, overfill, open_nodes)

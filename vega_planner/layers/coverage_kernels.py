@@ -10,6 +10,9 @@ from vega_planner.compiled import kernel
 from vega_planner.layers.triangle_kernels import measure_below
 from vega_planner.part.surface_kernels import cross_of
 
+#: From so many points on a box is first asked whether any of them counts.
+MANY = 9
+
 
 @kernel
 def lay_triangle(vertices, a, b, c, normal, length, tri):
@@ -27,8 +30,18 @@ def lay_triangle(vertices, a, b, c, normal, length, tri):
 
 
 @kernel
-def cover(vertices, faces, thickness, origin, spacing, shape, inside, covered):
-    """Mark the inside points of a lattice that lie within half the thickness of a sheet.
+def count_between(before_corner, first, last):
+    """Count the points asked about from one corner of a box to the other, both included."""
+    i, j, k = first[0], first[1], first[2]
+    p, q, r = last[0] + 1, last[1] + 1, last[2] + 1
+    upper = before_corner[p, q, r] - before_corner[i, q, r] - before_corner[p, j, r]
+    lower = before_corner[p, q, k] - before_corner[i, q, k] - before_corner[p, j, k]
+    return upper + before_corner[i, j, r] - lower - before_corner[i, j, k]
+
+
+@kernel
+def cover(vertices, faces, thickness, origin, spacing, row, before_corner, covered):
+    """Mark the points of a lattice that lie within half the thickness of a sheet.
 
     What counts is the thickness of the face that is nearest.
 
@@ -38,9 +51,10 @@ def cover(vertices, faces, thickness, origin, spacing, shape, inside, covered):
         thickness: Thickness at the vertices [mm], (n,).
         origin: First point of the lattice [mm].
         spacing: Distance between its points [mm].
-        shape: Points along each axis.
-        inside: Nonzero for the points that count.
-        covered: Result, 1 for the covered ones.
+        row: Number of each point that is asked about, -1 for the others, (i, j, k).
+        before_corner: How many of them have lower indices along all axes,
+            (i + 1, j + 1, k + 1).
+        covered: Result, 1 for the covered ones of the points asked about.
 
     Returns:
         Material of the sheet: area times thickness [mm³].
@@ -50,24 +64,29 @@ def cover(vertices, faces, thickness, origin, spacing, shape, inside, covered):
     tri = np.zeros((1, 16))
     first, last = np.zeros(3, np.int64), np.zeros(3, np.int64)
     reach = 0.5 * thickness.max() + 1e-6
-    square = np.full(len(inside), reach * reach, np.float32)
-    within = np.full(len(inside), -1.0, np.float32)
+    square = np.full(len(covered), reach * reach, np.float32)
+    within = np.full(len(covered), -1.0, np.float32)
+    scale = 1.0 / spacing
     for f in range(len(faces)):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
         half = (thickness[a] + thickness[b] + thickness[c]) / 6.0
         length = cross_of(vertices, a, b, c, normal)
         material += length * half
+        box = 1
         for k in range(3):
             p, q, r = vertices[a, k], vertices[b, k], vertices[c, k]
             low, high = min(p, q, r) - reach - origin[k], max(p, q, r) + reach - origin[k]
-            first[k] = max(int(np.ceil(low / spacing)), 0)
-            last[k] = min(int(np.floor(high / spacing)), shape[k] - 1)
+            first[k] = max(int(np.ceil(low * scale)), 0)
+            last[k] = min(int(np.floor(high * scale)), row.shape[k] - 1)
+            box *= max(last[k] - first[k] + 1, 0)
+        if box >= MANY and count_between(before_corner, first, last) == 0:
+            continue
         laid = False
         for i in range(first[0], last[0] + 1):
             for j in range(first[1], last[1] + 1):
                 for k in range(first[2], last[2] + 1):
-                    n = (i * shape[1] + j) * shape[2] + k
-                    if inside[n] == 0 or covered[n] != 0:
+                    n = row[i, j, k]
+                    if n < 0 or covered[n] != 0:
                         continue
                     if not laid:
                         lay_triangle(vertices, a, b, c, normal, length, tri)
@@ -80,7 +99,7 @@ def cover(vertices, faces, thickness, origin, spacing, shape, inside, covered):
                     if d2 < least:
                         square[n] = d2
                         within[n] = (half + 1e-6) ** 2 - d2
-    for n in range(len(inside)):
+    for n in range(len(covered)):
         if within[n] >= 0.0:
             covered[n] = 1
     return material

@@ -16,6 +16,12 @@ from vega_planner.parallel import map_threads
 #: Points answered by one piece of work; a power of two keeps neighbours together.
 _CHUNK = 4096
 
+#: Subtrees that threads sort, and leaves from which on that pays.
+_SUBTREES, _MANY = 8, 1024
+
+#: Cells along each axis, at most, that tell which faces come near to points.
+_CELLS = 64
+
 
 @dataclass(frozen=True, eq=False)
 class NearestPoints:
@@ -35,8 +41,8 @@ class NearestPoints:
 class DistanceField:
     """Nearest points on a set of triangles, exact to rounding.
 
-    A balanced tree of boxes over the triangles in Z-order. The object is built once
-    and answers any number of queries; it changes nothing when it does.
+    A balanced tree of boxes over the triangles. The object is built once and answers
+    any number of queries; it changes nothing when it does.
 
     Attributes:
         faces: Index, in the mesh it was built from, of each triangle in tree order.
@@ -56,15 +62,11 @@ class DistanceField:
             raise InvalidInput("a distance field needs at least one face")
         vertices = np.ascontiguousarray(vertices, np.float64)
         faces = np.ascontiguousarray(faces, np.int64)
-        low = vertices.min(0)
-        extent = float((vertices.max(0) - low).max())
-        scale = (2.0**20 - 1) / extent if extent > 0 else 0.0
-        codes = trees.morton_codes(vertices, faces, low, scale)
-        self.faces: Ints = np.argsort(codes, kind="stable")
-        self.tri = triangles.triangle_rows(vertices, faces, self.faces)
         leaves = 1
         while leaves * trees.LEAF < len(faces):
             leaves *= 2
+        self.faces: Ints = _sorted(trees.triangle_middles(vertices, faces), leaves)
+        self.tri = triangles.triangle_rows(vertices, faces, self.faces)
         self.box = trees.box_tree(self.tri, leaves)
         self._vertices = vertices
         self._mesh_faces = faces
@@ -137,3 +139,43 @@ class DistanceField:
 
         map_threads(answer, range(0, count, _CHUNK))
         return np.where(slot >= 0, self.faces[slot], -1), parameter
+
+
+def distances_within(vertices: Floats, faces: Ints, points: Floats, reach: float) -> Floats:
+    """Measure the distance of a few points to a mesh, as far as it matters.
+
+    Args:
+        vertices: Points of the mesh [mm], shape (n, 3).
+        faces: Its vertex indices, shape (m, 3).
+        points: Points that are asked about [mm], shape (k, 3).
+        reach: Distance from which on it does not matter [mm].
+
+    Returns:
+        The distances [mm], infinite from `reach` on, shape (k,).
+    """
+    found = np.full(len(points), np.inf)
+    if len(points) == 0 or len(faces) == 0:
+        return found
+    points = np.ascontiguousarray(points, np.float64)
+    faces = np.ascontiguousarray(faces, np.int64)
+    low, high = points.min(0) - 1.01 * reach, points.max(0) + 1.01 * reach
+    size = max(2 * reach, float((high - low).max()) / _CELLS)
+    cells = np.zeros(((high - low) / size).astype(np.int64) + 1, np.uint8)
+    trees.mark_cells(points, reach, low, size, cells)
+    near = np.zeros(len(faces), bool)
+    trees.mark_faces(vertices, faces, low, size, cells, near)
+    if near.any():
+        found = DistanceField(vertices, faces[near]).distances(points)
+    return np.where(found < reach, found, np.inf)
+
+
+def _sorted(middles: Floats, leaves: int) -> Ints:
+    """Order triangles so that each leaf of the tree holds neighbours; shuffles the middles."""
+    order = np.arange(len(middles))
+    subtree = leaves // _SUBTREES if leaves >= _MANY else leaves
+    trees.sort_leaves(middles, order, leaves, 0, leaves, subtree)
+    map_threads(
+        lambda first: trees.sort_leaves(middles, order, leaves, first, first + subtree, 1),
+        range(0, leaves, subtree),
+    )
+    return order

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from vega_planner.datatypes import Layer, Part
 from vega_planner.layers.core import LEAN, Core
-from vega_planner.layers.coverage import Samples, coverage_ratios, spread_samples
+from vega_planner.layers.coverage import Coverage, measure_coverage, spread_samples
 from vega_planner.layers.distance_field import DistanceField
 from vega_planner.layers.mitre import Strips, find_strips
 from vega_planner.parallel import map_threads
@@ -45,21 +45,22 @@ class Filling:
     Attributes:
         layers: The envelope layers, outermost first.
         cores: The sheets of the core.
-        uncovered: Volume inside no sheet's own thickness, over the part's volume.
-        overfill: Material beyond what the sheets cover, over the part's volume.
+        coverage: What they cover.
     """
 
     layers: tuple[Layer, ...]
     cores: tuple[Layer, ...]
-    uncovered: float
-    overfill: float
+    coverage: Coverage
 
-    @classmethod
-    def of(
-        cls, part: Part, samples: Samples, layers: tuple[Layer, ...], cores: tuple[Layer, ...]
-    ) -> Filling:
-        """Measure how well sheets fill a part."""
-        return cls(layers, cores, *coverage_ratios(part, samples, (*layers, *cores)))
+    @property
+    def uncovered(self) -> float:
+        """Volume inside no sheet's own thickness, over the part's volume."""
+        return self.coverage.uncovered
+
+    @property
+    def overfill(self) -> float:
+        """Material beyond what the sheets cover, over the part's volume."""
+        return self.coverage.overfill
 
     @property
     def harm(self) -> float:
@@ -92,12 +93,16 @@ def fill(
     """
     samples = spread_samples(part)
 
-    def filling(core: Core, lean: float, strips: Sequence[Strips] = ()) -> Filling:
+    def filling(
+        core: Core, lean: float, strips: Sequence[Strips] = (), thinner: Filling | None = None
+    ) -> Filling:
         sheets = (*envelopes(core, lean), *core.cores)
         count = len(sheets) - len(core.cores)
         if strips:
             sheets = tuple(strip.on(sheet, t) for strip, sheet in zip(strips, sheets))
-        return Filling.of(part, samples, sheets[:count], sheets[count:])
+        before = thinner.coverage if thinner else None
+        coverage = measure_coverage(part, samples, sheets, before)
+        return Filling(sheets[:count], sheets[count:], coverage)
 
     core = cores[0]
     best = filling(core, LEAN)
@@ -111,7 +116,7 @@ def fill(
     strips = map_threads(
         lambda sheet: find_strips(sheet, t, at_depth[sheet.kind]), (*best.layers, *best.cores)
     )
-    mitred = filling(core, LEAN, strips)
+    mitred = filling(core, LEAN, strips, best)
     if mitred.harm < best.harm:
         best = mitred
     else:
@@ -124,7 +129,7 @@ def fill(
             step = max(step, (best.uncovered - AIMED_RATIO) / gain)
         step = min(step, MOST_LEAN - lean)
         lean += step
-        then = filling(core, lean, strips)
+        then = filling(core, lean, strips, best)
         if then.harm >= best.harm or (best.uncovered < OPEN_AIM and then.overfill > FULL_RATIO):
             break
         gain = (best.uncovered - then.uncovered) / step

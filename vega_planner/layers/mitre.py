@@ -106,9 +106,12 @@ def find_strips(layer: Layer, t: float, field: DistanceField | None = None) -> S
     """
     vertices, faces = layer.vertices, layer.faces
     none = np.zeros((0, 2), np.int64)
-    bend, along, crease = _creases(vertices, faces, t)
+    bent = np.zeros(len(vertices), np.uint8)
+    kernels.mark_bent(vertices, faces, np.cos(SHARP / 2) + 1e-9, np.zeros(vertices.shape), bent)
+    bend, along, _ = _creases(vertices, faces, bent, 2, t)
     if not bend.any():
         return Strips(vertices, faces, none, np.zeros(0), bend)
+    crease = _creases(vertices, faces, bend > 0, 1, t)[2]
     width, depth = STRIP_RATIO * t, layer.depth_mm
     # Faces that only touch sharp edges all round get a middle that is not sharp.
     flagged = np.zeros(faces.shape, np.uint8)
@@ -119,7 +122,7 @@ def find_strips(layer: Layer, t: float, field: DistanceField | None = None) -> S
     vertices = np.concatenate([vertices, vertices[middles].mean(1)])
     bend = np.concatenate([bend, np.zeros(len(middles))])
     along = np.concatenate([along, np.zeros((len(middles), 3))])
-    _, _, crease = _creases(vertices, faces, t)
+    crease = _creases(vertices, faces, bend > 0, 1, t)[2]
     flagged = np.zeros(faces.shape, np.uint8)
     kernels.flag_edges(vertices, faces, bend, np.zeros_like(crease), 1, 2 * width, flagged)
     flagged[crease == RIM] = 0
@@ -139,13 +142,20 @@ def find_strips(layer: Layer, t: float, field: DistanceField | None = None) -> S
     )
 
 
-def _creases(vertices: Floats, faces: Ints, t: float) -> tuple[Floats, Floats, np.ndarray]:
-    """Find the sharp edges: bend and direction at the vertices, and flags of the sides."""
-    bits = int(4 * len(faces)).bit_length()
+def _creases(
+    vertices: Floats, faces: Ints, near: np.ndarray, ends: int, t: float
+) -> tuple[Floats, Floats, np.ndarray]:
+    """Find the sharp edges of which so many ends are near.
+
+    Returns:
+        Bend and direction at the vertices, and flags of the sides.
+    """
+    near = near.astype(np.uint8)
+    bits = int(2 * kernels.count_sides(faces, near, ends) + 1).bit_length()
     bend, along = np.zeros(len(vertices)), np.zeros(vertices.shape)
     crease = np.zeros(faces.shape, np.uint8)
     kernels.find_creases(
-        vertices, faces, np.cos(SHARP), np.cos(EVEN), FLAT_RATIO * t, bits,
+        vertices, faces, near, ends, np.cos(SHARP), np.cos(EVEN), FLAT_RATIO * t, bits,
         np.full(1 << bits, -1), np.zeros(1 << bits, np.int64), bend, along, crease,
     )  # fmt: skip
     return bend, along, crease

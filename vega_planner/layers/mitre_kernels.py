@@ -12,12 +12,60 @@ from vega_planner.part.surface_kernels import cross_of
 
 
 @kernel
-def find_creases(vertices, faces, most, even, flat, bits, keys, owner, bend, along, crease):
+def mark_bent(vertices, faces, least, first, bent):
+    """Mark the vertices at which a face is turned against the first one there.
+
+    Of two faces that turn by some angle over an edge, one is turned by half of it against
+    any other direction: both ends of each sharp edge are marked.
+
+    Args:
+        vertices: Points [mm], (n, 3).
+        faces: Vertex indices, (m, 3).
+        least: Cosine of the angle from which faces count as turned.
+        first: Scratch: normal of the first face at each vertex, 0 at first, (n, 3).
+        bent: Result, 0 at first, (n,).
+    """
+    normal = np.zeros(3)
+    for f in range(len(faces)):
+        length = cross_of(vertices, faces[f, 0], faces[f, 1], faces[f, 2], normal)
+        if length == 0.0:
+            continue
+        for c in range(3):
+            v = faces[f, c]
+            if bent[v]:
+                continue
+            cosine, known = 0.0, 0.0
+            for k in range(3):
+                cosine += first[v, k] * normal[k]
+                known += abs(first[v, k])
+            if known == 0.0:
+                for k in range(3):
+                    first[v, k] = normal[k] / length
+            elif cosine < least * length:
+                bent[v] = 1
+
+
+@kernel
+def count_sides(faces, near, ends):
+    """Count the sides of which so many ends, 1 or 2, are near."""
+    count = 0
+    for f in range(len(faces)):
+        a, b, c = near[faces[f, 0]], near[faces[f, 1]], near[faces[f, 2]]
+        count += int(a + b >= ends) + int(b + c >= ends) + int(c + a >= ends)
+    return count
+
+
+@kernel
+def find_creases(
+    vertices, faces, near, ends, most, even, flat, bits, keys, owner, bend, along, crease
+):
     """Find the edges over which a sheet bends outwards, convexly.
 
     Args:
         vertices: Points [mm], (n, 3).
         faces: Vertex indices, (m, 3).
+        near: 1 for the vertices at which edges are looked at, (n,).
+        ends: How many ends of an edge must be near for it to be looked at, 1 or 2.
         most: Cosine between the normals below which an edge is sharp.
         even: Cosine below which the middle of an edge may be off the level set.
         flat: Height of the faces below which their normals mean nothing [mm].
@@ -27,14 +75,18 @@ def find_creases(vertices, faces, most, even, flat, bits, keys, owner, bend, alo
         bend: Result: largest angle between the normals at each vertex [rad], 0 at first, (n,).
         along: Result: direction of the sharpest edge at each vertex, (n, 3).
         crease: Result: 2 for sides on a sharp edge, 1 on one that is not even, 3 on the
-            rim, (m, 3).
+            rim, 0 on others and where not looked at, (m, 3).
     """
     mask = (1 << bits) - 1
     normal, other = np.zeros(3), np.zeros(3)
     for f in range(len(faces)):
+        if near[faces[f, 0]] + near[faces[f, 1]] + near[faces[f, 2]] < ends:
+            continue
         length = cross_of(vertices, faces[f, 0], faces[f, 1], faces[f, 2], normal)
         for c in range(3):
             a, b = faces[f, c], faces[f, (c + 1) % 3]
+            if near[a] + near[b] < ends:
+                continue
             key = edge_key(a, b)
             p = place_of(key, bits)
             while keys[p] >= 0 and keys[p] != key:

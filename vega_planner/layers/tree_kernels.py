@@ -3,8 +3,10 @@
 """Compiled queries of a tree over triangles: nearest point, first hit of a segment.
 
 `tri` and the rings are those of `triangle_kernels`. `box` holds a balanced binary tree of
-bounding boxes in heap order (children of i at 2i+1 and 2i+2) over leaves of `LEAF`
-consecutive triangles.
+bounding boxes in heap order (children of i at 2i+1 and 2i+2) over leaves of consecutive
+triangles: lowest and highest corner, then a unit vector and the least and
+greatest extent along it. The last four bound a few triangles of a smooth surface much
+more closely than a box does.
 """
 
 from __future__ import annotations
@@ -14,48 +16,107 @@ import numpy as np
 from vega_planner.compiled import kernel
 from vega_planner.layers.triangle_kernels import closest, measure, measure_below, walk
 
-LEAF = 4
+#: Triangles of a leaf at most, and at least half as many.
+LEAF = 8
+
+#: Most triangles that are bounded by planes as well; more than these are hardly ever flat.
+MOST_BETWEEN = 64
 
 
 @kernel
-def spread_bits(v):
-    """Put two zero bits between the low 20 bits of v."""
-    v = (v | (v << 32)) & 0x1F00000000FFFF
-    v = (v | (v << 16)) & 0x1F0000FF0000FF
-    v = (v | (v << 8)) & 0x100F00F00F00F00F
-    v = (v | (v << 4)) & 0x10C30C30C30C30C3
-    v = (v | (v << 2)) & 0x1249249249249249
-    return v
-
-
-@kernel
-def morton_codes(vertices, faces, low, scale):
-    """Number each triangle's centroid along the Z-order curve."""
-    out = np.zeros(len(faces), np.int64)
+def triangle_middles(vertices, faces):
+    """Work out the centroid of each triangle, (m, 3)."""
+    out = np.zeros((len(faces), 3))
     for f in range(len(faces)):
-        code = np.int64(0)
         for k in range(3):
             middle = 0.0
             for c in range(3):
                 middle += vertices[faces[f, c], k]
-            q = np.int64((middle / 3.0 - low[k]) * scale)
-            code |= spread_bits(q) << k
-        out[f] = code
+            out[f, k] = middle / 3.0
     return out
+
+
+@kernel
+def leaf_start(leaf, leaves, count):
+    """First triangle of a leaf: all have as many, to one."""
+    return leaf * count // leaves
+
+
+@kernel
+def part_at(points, order, first, last, at, axis):
+    """Order points first:last so that none before `at` is farther along an axis, Hoare's way."""
+    low, high = first, last - 1
+    while low < high:
+        a, b, c = points[low, axis], points[(low + high) // 2, axis], points[high, axis]
+        pivot = max(min(a, b), min(max(a, b), c))
+        i, j = low, high
+        while i <= j:
+            while points[i, axis] < pivot:
+                i += 1
+            while points[j, axis] > pivot:
+                j -= 1
+            if i <= j:
+                for k in range(3):
+                    points[i, k], points[j, k] = points[j, k], points[i, k]
+                order[i], order[j] = order[j], order[i]
+                i += 1
+                j -= 1
+        if j < at:
+            low = i
+        if i > at:
+            high = j
+
+
+@kernel
+def sort_leaves(points, order, leaves, first, last, most):
+    """Order the triangles of leaves first:last, halving the longest side again and again.
+
+    Args:
+        points: Centroids of all triangles, ordered in place, (m, 3).
+        order: Numbers of the triangles, likewise, (m,).
+        leaves: Number of all leaves, a power of two.
+        first: First leaf, at which a subtree begins.
+        last: End of the leaves.
+        most: Leaves up to which a subtree is left as it is, a power of two.
+    """
+    ends = np.zeros((64, 2), np.int64)
+    ends[0, 0], ends[0, 1] = first, last
+    top = 1
+    while top > 0:
+        top -= 1
+        first, last = ends[top, 0], ends[top, 1]
+        if last - first <= most:
+            continue
+        middle = (first + last) // 2
+        start = leaf_start(first, leaves, len(order))
+        end = leaf_start(last, leaves, len(order))
+        longest, axis = -1.0, 0
+        for k in range(3):
+            low, high = points[start, k], points[start, k]
+            for i in range(start, end):
+                low, high = min(low, points[i, k]), max(high, points[i, k])
+            if high - low > longest:
+                longest, axis = high - low, k
+        part_at(points, order, start, end, leaf_start(middle, leaves, len(order)), axis)
+        ends[top, 0], ends[top, 1] = first, middle
+        ends[top + 1, 0], ends[top + 1, 1] = middle, last
+        top += 2
 
 
 @kernel
 def box_tree(tri, leaves):
     """Bound the leaves, then each pair of children."""
-    box = np.zeros((2 * leaves - 1, 6))
+    box = np.zeros((2 * leaves - 1, 11))
     count = len(tri)
-    for i in range(2 * leaves - 2, -1, -1):
+    first, last = np.zeros(len(box), np.int64), np.zeros(len(box), np.int64)
+    for i in range(len(box) - 1, -1, -1):
         for k in range(3):
             box[i, k] = 1e300
             box[i, 3 + k] = -1e300
         if i >= leaves - 1:
-            start = (i - leaves + 1) * LEAF
-            for s in range(start, min(start + LEAF, count)):
+            first[i] = leaf_start(i - leaves + 1, leaves, count)
+            last[i] = leaf_start(i - leaves + 2, leaves, count)
+            for s in range(first[i], last[i]):
                 for k in range(3):
                     a = tri[s, k]
                     b = a + tri[s, 3 + k]
@@ -63,10 +124,34 @@ def box_tree(tri, leaves):
                     box[i, k] = min(box[i, k], a, b, c)
                     box[i, 3 + k] = max(box[i, 3 + k], a, b, c)
         else:
+            first[i], last[i] = first[2 * i + 1], last[2 * i + 2]
             for k in range(3):
                 box[i, k] = min(box[2 * i + 1, k], box[2 * i + 2, k])
                 box[i, 3 + k] = max(box[2 * i + 1, 3 + k], box[2 * i + 2, 3 + k])
+        if last[i] - first[i] <= MOST_BETWEEN:
+            lay_planes(tri, first[i], last[i], box[i])
+        else:
+            box[i, 9], box[i, 10] = -1e300, 1e300
     return box
+
+
+@kernel
+def lay_planes(tri, first, last, row):
+    """Bound some triangles by two planes across their mean normal, in row[6:]."""
+    x, y, z = 0.0, 0.0, 0.0
+    for s in range(first, last):
+        x += tri[s, 9]
+        y += tri[s, 10]
+        z += tri[s, 11]
+    length = max(np.sqrt(x * x + y * y + z * z), 1e-9)
+    x, y, z = x / length, y / length, z / length
+    low, high = 1e300, -1e300
+    for s in range(first, last):
+        a = x * tri[s, 0] + y * tri[s, 1] + z * tri[s, 2]
+        b = a + x * tri[s, 3] + y * tri[s, 4] + z * tri[s, 5]
+        c = a + x * tri[s, 6] + y * tri[s, 7] + z * tri[s, 8]
+        low, high = min(low, a, b, c), max(high, a, b, c)
+    row[6], row[7], row[8], row[9], row[10] = x, y, z, low, high
 
 
 @kernel
@@ -76,6 +161,13 @@ def box_distance2(box, i, x, y, z):
     dy = max(box[i, 1] - y, 0.0, y - box[i, 4])
     dz = max(box[i, 2] - z, 0.0, z - box[i, 5])
     return dx * dx + dy * dy + dz * dz
+
+
+@kernel
+def plane_distance(box, i, x, y, z):
+    """Distance from a point to what is between the two planes of box i; 0 between them."""
+    along = box[i, 6] * x + box[i, 7] * y + box[i, 8] * z
+    return max(box[i, 9] - along, along - box[i, 10], 0.0)
 
 
 @kernel
@@ -104,7 +196,7 @@ def nearest(tri, box, x, y, z, hint, bound, stack, lower):
         if d2 < least:
             least = d2
             best = hint
-    first_leaf = (len(box) - 1) // 2
+    leaves = (len(box) + 1) // 2
     count = len(tri)
     top = 0
     stack[0] = 0
@@ -112,12 +204,12 @@ def nearest(tri, box, x, y, z, hint, bound, stack, lower):
     top = 1
     while top > 0:
         top -= 1
-        if lower[top] >= least:
-            continue
         i = stack[top]
-        if i >= first_leaf:
-            start = (i - first_leaf) * LEAF
-            for s in range(start, min(start + LEAF, count)):
+        if lower[top] >= least or plane_distance(box, i, x, y, z) ** 2 >= least:
+            continue
+        if i >= leaves - 1:
+            leaf = i - leaves + 1
+            for s in range(leaf_start(leaf, leaves, count), leaf_start(leaf + 1, leaves, count)):
                 d2 = measure_below(tri, s, x, y, z, least)
                 if d2 < least:
                     least = d2
@@ -190,15 +282,13 @@ def first_hit(tri, box, px, py, pz, qx, qy, qz, stack):
     iz = 1.0 / dz if dz != 0.0 else 1e300
     best = -1
     least = 1.0 + 1e-9
-    first_leaf = (len(box) - 1) // 2
+    leaves = (len(box) + 1) // 2
     count = len(tri)
     stack[0] = 0
     top = 1
     while top > 0:
         top -= 1
         i = stack[top]
-        if box[i, 0] > box[i, 3]:
-            continue  # nothing is in there: a node beyond the last triangle
         a = (box[i, 0] - 1e-9 - px) * ix
         b = (box[i, 3] + 1e-9 - px) * ix
         near, far = min(a, b), max(a, b)
@@ -210,13 +300,13 @@ def first_hit(tri, box, px, py, pz, qx, qy, qz, stack):
         near, far = max(near, min(a, b)), min(far, max(a, b))
         if near > far or far < -1e-9 or near > least:
             continue
-        if i < first_leaf:
+        if i < leaves - 1:
             stack[top] = 2 * i + 1
             stack[top + 1] = 2 * i + 2
             top += 2
             continue
-        start = (i - first_leaf) * LEAF
-        for s in range(start, min(start + LEAF, count)):
+        leaf = i - leaves + 1
+        for s in range(leaf_start(leaf, leaves, count), leaf_start(leaf + 1, leaves, count)):
             bx, by, bz = tri[s, 3], tri[s, 4], tri[s, 5]
             cx, cy, cz = tri[s, 6], tri[s, 7], tri[s, 8]
             hx, hy, hz = dy * cz - dz * cy, dz * cx - dx * cz, dx * cy - dy * cx
@@ -256,3 +346,47 @@ def first_hit_many(tri, box, starts, ends, first, last, slot, parameter):
         )
         slot[i] = s
         parameter[i] = u
+
+
+@kernel
+def mark_cells(points, reach, low, size, cells):
+    """Mark the cells of a lattice that come within a distance of points, along each axis.
+
+    Args:
+        points: Points [mm], (n, 3).
+        reach: The distance [mm].
+        low: Where the lattice begins, `reach` or more before all points [mm].
+        size: Size of its cells [mm].
+        cells: Result, 0 at first, (i, j, k).
+    """
+    first, last = np.zeros(3, np.int64), np.zeros(3, np.int64)
+    for n in range(len(points)):
+        for k in range(3):
+            first[k] = int((points[n, k] - reach - low[k]) / size)
+            last[k] = min(int((points[n, k] + reach - low[k]) / size), cells.shape[k] - 1)
+        cells[first[0] : last[0] + 1, first[1] : last[1] + 1, first[2] : last[2] + 1] = 1
+
+
+@kernel
+def mark_faces(vertices, faces, low, size, cells, marked):
+    """Mark the faces whose boxes meet a marked cell of a lattice.
+
+    Args:
+        vertices: Points [mm], (n, 3).
+        faces: Vertex indices, (m, 3).
+        low: Where the lattice begins [mm].
+        size: Size of its cells [mm].
+        cells: Nonzero for marked cells, (i, j, k).
+        marked: Result, 0 at first, (m,).
+    """
+    first, last = np.zeros(3, np.int64), np.zeros(3, np.int64)
+    for f in range(len(faces)):
+        for k in range(3):
+            a, b, c = vertices[faces[f, 0], k], vertices[faces[f, 1], k], vertices[faces[f, 2], k]
+            first[k] = max(int((min(a, b, c) - low[k]) / size), 0)
+            last[k] = min(int(np.floor((max(a, b, c) - low[k]) / size)), cells.shape[k] - 1)
+        for i in range(first[0], last[0] + 1):
+            for j in range(first[1], last[1] + 1):
+                for k in range(first[2], last[2] + 1):
+                    if cells[i, j, k]:
+                        marked[f] = True
