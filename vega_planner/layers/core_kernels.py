@@ -68,7 +68,8 @@ def mark_last(
 
 @kernel
 def measure_room(
-    tri, box, brr_tri, brr_box, feet, inward, free_from, limit, first, last, room, kind
+    tri, box, brr_tri, brr_box, feet, inward, free_from, beside_from, limit, first, last, room,
+    kind,
 ):  # fmt: skip
     """Measure how far from its foot on S a front runs before it meets another.
 
@@ -84,6 +85,7 @@ def measure_room(
         feet: Points of S, (n, 3).
         inward: Unit vectors into the part, (n, 3).
         free_from: Depth up to which nothing ends a front [mm].
+        beside_from: Room from which fronts from aside are of interest [mm].
         limit: Room beyond which nothing is wanted [mm].
         first: First row.
         last: End of the rows.
@@ -139,7 +141,8 @@ def measure_room(
                 break
             free = (qx * qx + qy * qy + qz * qz) / (2.0 * along)
             facing = along / free - 1.0
-            if free_from == 0.0 and facing <= FACING and gone * c / (1.0 + c) > FARTHER * free:
+            beyond = gone * c / (1.0 + c) > FARTHER * free
+            if facing <= FACING and beyond and free < beside_from:
                 break  # a front from aside; the one ahead is too far to end it before
         kind[i] = found
         if found == OPEN and facing > FACING and LEAST * limit < free < limit:

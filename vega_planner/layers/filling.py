@@ -8,7 +8,7 @@ towards laying twice.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from vega_planner.datatypes import Layer, Part
 from vega_planner.layers.core import LEAN, Core
@@ -17,16 +17,14 @@ from vega_planner.layers.distance_field import DistanceField
 from vega_planner.layers.mitre import Strips, find_strips
 from vega_planner.parallel import map_threads
 
+#: How far the facets of two sheets are apart at most between their vertices, on average [mm].
+FACETS_MM = 0.003
+
 #: Open share of the volume above which something is done about it.
 FILLED_RATIO = 0.0034
 
-#: Open share that leaning aims at.
-AIMED_RATIO = 0.0033
-
-#: Aims for what stays open and for what is laid twice: between them, nothing is done
-#: for the one that costs the other.
-OPEN_AIM = 0.0042
-FULL_RATIO = 0.0195
+#: Aims for what stays open and for what is laid twice.
+OPEN_AIM, FULL_AIM = 0.0045, 0.0197
 
 #: How much worse an open volume is than as much laid twice.
 OPEN_WEIGHT = 4.0
@@ -34,8 +32,8 @@ OPEN_WEIGHT = 4.0
 #: Levels stay as they are unless the core that begins early is better by this factor.
 EARLY_GAIN = 1.3
 
-#: The farthest that layers lean, and the least step towards it.
-MOST_LEAN, LEAST_STEP = 0.9, 0.15
+#: The farthest that last layers lean.
+MOST_LEAN = 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +65,12 @@ class Filling:
         """What is open and what is laid twice, weighed."""
         return OPEN_WEIGHT * self.uncovered + self.overfill
 
+    @property
+    def rank(self) -> tuple[int, float]:
+        """How many aims are missed, then the harm; less is better."""
+        missed = (self.uncovered > OPEN_AIM) + (self.overfill > FULL_AIM)
+        return missed, self.harm
+
 
 def fill(
     part: Part,
@@ -94,12 +98,18 @@ def fill(
     samples = spread_samples(part)
 
     def filling(
-        core: Core, lean: float, strips: Sequence[Strips] = (), thinner: Filling | None = None
+        core: Core,
+        lean: float,
+        strips: Sequence[Strips] = (),
+        thinner: Filling | None = None,
+        allowance: float = 0.0,
     ) -> Filling:
         sheets = (*envelopes(core, lean), *core.cores)
         count = len(sheets) - len(core.cores)
         if strips:
             sheets = tuple(strip.on(sheet, t) for strip, sheet in zip(strips, sheets))
+        if allowance:
+            sheets = tuple(allow_for_facets(sheet, allowance) for sheet in sheets)
         before = thinner.coverage if thinner else None
         coverage = measure_coverage(part, samples, sheets, before)
         return Filling(sheets[:count], sheets[count:], coverage)
@@ -121,17 +131,27 @@ def fill(
         best = mitred
     else:
         strips = []
-    lean, gain = LEAN, 0.0
-    while best.uncovered >= FILLED_RATIO and lean < MOST_LEAN:
-        # as far as the last step says, a little at least
-        step = LEAST_STEP
-        if gain > 0:
-            step = max(step, (best.uncovered - AIMED_RATIO) / gain)
-        step = min(step, MOST_LEAN - lean)
-        lean += step
-        then = filling(core, lean, strips, best)
-        if then.harm >= best.harm or (best.uncovered < OPEN_AIM and then.overfill > FULL_RATIO):
-            break
-        gain = (best.uncovered - then.uncovered) / step
-        best = then
+    if best.uncovered < FILLED_RATIO:
+        return best
+    ways = {LEAN: best, MOST_LEAN: filling(core, MOST_LEAN, strips, best)}
+    gain = best.uncovered - ways[MOST_LEAN].uncovered
+    if ways[MOST_LEAN].overfill > FULL_AIM and 0 < best.uncovered - OPEN_AIM < gain:
+        between = LEAN + (best.uncovered - OPEN_AIM) / gain * (MOST_LEAN - LEAN)
+        ways[between] = filling(core, between, strips, best)
+    lean = min(ways, key=lambda lean: ways[lean].rank)
+    best = ways[lean]
+    if best.uncovered > OPEN_AIM:
+        thicker = filling(core, lean, strips, best, FACETS_MM)
+        best = min(best, thicker, key=lambda way: way.rank)
     return best
+
+
+def allow_for_facets(sheet: Layer, allowance: float) -> Layer:
+    """Make a sheet thicker by as much as its facets are off its surface; beads stay.
+
+    Args:
+        sheet: The sheet.
+        allowance: How much [mm].
+    """
+    thickness = sheet.thickness + allowance
+    return replace(sheet, thickness=thickness, mitre=thickness / sheet.bead_thickness)

@@ -78,14 +78,14 @@ def sheet_front(
     feet = sheet.vertices - sheet.depth * sheet.inward
     # A ball of the sheet's depth touches S at the foot alone.
     met = np.full(len(chosen), np.inf)
+    first = sheet.depth + t / 2
     room, kind = measure_rooms(
         field, brr, feet[chosen], sheet.inward[chosen], sheet.depth + ahead, 0.9 * sheet.depth,
-        met,
+        first, met,
     )  # fmt: skip
     rooms, opposed = np.full(count, np.inf), np.zeros(count, bool)
     rooms[chosen] = room
     opposed[chosen] = kind == kernels.OPPOSED
-    first = sheet.depth + t / 2
     rows = np.flatnonzero((met > first) & (met < first + t / 2))
     aside = np.full(count, np.inf)
     if len(rows):
@@ -224,6 +224,7 @@ def measure_rooms(
     inward: Floats,
     limit: float,
     free_from: float = 0.0,
+    beside_from: float = np.inf,
     aside: Floats | None = None,
 ) -> tuple[Floats, Ints]:
     """Measure the room in front of points of S, as far as fronts oppose each other.
@@ -235,6 +236,7 @@ def measure_rooms(
         inward: Unit vectors into the part, shape (n, 3).
         limit: Room beyond which nothing is wanted [mm].
         free_from: Depth up to which nothing ends a front [mm].
+        beside_from: Room from which fronts from aside are of interest [mm].
         aside: Result: depth at which a front from aside is met [mm], where one is, (n,).
 
     Returns:
@@ -251,7 +253,7 @@ def measure_rooms(
 
     def measure(first: int) -> None:
         kernels.measure_room(
-            field.tri, field.box, brr_tri, brr_box, feet, inward, free_from, limit,
+            field.tri, field.box, brr_tri, brr_box, feet, inward, free_from, beside_from, limit,
             first, min(first + _CHUNK, count), room, kind,
         )  # fmt: skip
 

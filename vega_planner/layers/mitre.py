@@ -17,9 +17,14 @@ from vega_planner.datatypes import Floats, Ints, Layer, row_lengths
 from vega_planner.layers import mitre_kernels as kernels
 from vega_planner.layers.distance_field import DistanceField
 from vega_planner.layers.subdivide import split_flagged
+from vega_planner.part.topology import directed_edges, edge_uses
 
 #: Edges are sharp from this angle between the faces on; below it next to nothing is open.
 SHARP = np.radians(45.0)
+
+#: A sheet of the core ends 0.75 of half its thickness from the surface, and its square end
+#: is within 1.25 of that: as sharp as an edge of this angle.
+END_BEND = 2 * np.arccos(1 / 1.25)
 
 #: Up to this angle between the faces, the middle of an edge is on the level set.
 EVEN = np.radians(10.0)
@@ -109,6 +114,8 @@ def find_strips(layer: Layer, t: float, field: DistanceField | None = None) -> S
     bent = np.zeros(len(vertices), np.uint8)
     kernels.mark_bent(vertices, faces, np.cos(SHARP / 2) + 1e-9, np.zeros(vertices.shape), bent)
     bend, along, _ = _creases(vertices, faces, bent, 2, t)
+    if layer.kind == "core":
+        _square_ends(vertices, faces, bend, along)
     if not bend.any():
         return Strips(vertices, faces, none, np.zeros(0), bend)
     crease = _creases(vertices, faces, bend > 0, 1, t)[2]
@@ -140,6 +147,19 @@ def find_strips(layer: Layer, t: float, field: DistanceField | None = None) -> S
         np.concatenate([np.full(len(middles), 0.5), share]),
         np.concatenate([bend, np.zeros(len(ends))]),
     )
+
+
+def _square_ends(vertices: Floats, faces: Ints, bend: Floats, along: Floats) -> None:
+    """Count the ends of a sheet as sharp as it takes to reach the corners there, in place."""
+    order, starts, uses = edge_uses(faces)
+    ends = directed_edges(faces)[order[starts[uses == 1]]]
+    fresh = ends[(bend[ends] < END_BEND).any(1)]
+    away = vertices[fresh[:, 1]] - vertices[fresh[:, 0]]
+    away /= np.maximum(row_lengths(away), 1e-12)[:, None]
+    for corner in range(2):
+        at = fresh[:, corner]
+        blunt = bend[at] < END_BEND
+        bend[at[blunt]], along[at[blunt]] = END_BEND, away[blunt]
 
 
 def _creases(
