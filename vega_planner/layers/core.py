@@ -71,6 +71,10 @@ WIDE_RATIO = 0.125
 #: A sheet that is this near to the middle of a thin wall, in t, fills it.
 WITHIN_RATIO = 0.25
 
+#: Where, in the thickness of a face, it is asked whether a wall's sheet fills it, and how
+#: near is near enough, in t.
+FILLED_AT, NEARLY = (0.1, 0.5, 0.9), 0.05
+
 #: Pieces below this area, in t², are asked how far they rise over their level.
 SMALL_RATIO = 2.7
 
@@ -164,10 +168,12 @@ def fill_core(
     if sheets and chosen.any():
         stays = ~(leaving[0][0] | leaving[0][1])
         _leave_out(walls, chosen, sheets[0], stays, t)
-    add_core_sheet(cores, field, walls, chosen, spread_room(walls), 0.0, True, t)
+    wall = add_core_sheet(cores, field, walls, chosen, spread_room(walls), 0.0, True, t)
     for k, (front, (gap, opposed)) in enumerate(zip(fronts[1:], gaps[1:])):
         moved, slivers = leaving[k]
         kept[k] &= ~moved & ~slivers
+        if k == 0 and wall is not None and moved.any():
+            moved = moved & ~_filled(front, moved, spread_room(front), wall, t)
         own = gap < t / 2
         beside = np.isfinite(front.aside)
         rooms[k][beside] = front.aside[beside] - k * t
@@ -218,6 +224,22 @@ def _leave_out(front: Front, chosen: Bools, sheet: Sheet, stays: Bools, t: float
         reach = WITHIN_RATIO * t
         near = distances_within(sheet.vertices, sheet.faces[stays], middles, reach)
         chosen[rows[near < reach]] = False
+
+
+def _filled(front: Front, chosen: Bools, room: Floats, wall: Layer, t: float) -> Bools:
+    """Find the chosen faces of the first level whose own thickness a wall's sheet fills."""
+    rows = np.flatnonzero(chosen)
+    corners = front.faces[rows]
+    free = np.where(room < 1.5 * t, room, t)[corners].mean(1)[:, None]
+    feet, inward = front.feet[corners].mean(1), face_inward(front, rows)
+    tree = DistanceField(wall.vertices, wall.faces)
+    half = wall.thickness[wall.faces].mean(1) / 2
+    filled = np.zeros(len(chosen), bool)
+    filled[rows] = True
+    for share in FILLED_AT:
+        near = tree.nearest(feet + share * free * inward)
+        filled[rows] &= near.distances <= half[near.faces] + NEARLY * t
+    return filled
 
 
 def _join_core(
