@@ -126,6 +126,7 @@ def fill_core(
     sheets: list[Sheet],
     t: float,
     staying_ratio: float = STAYING_RATIO,
+    carried: bool = True,
 ) -> Core:
     """Make the sheets that fill what the envelope layers leave over.
 
@@ -138,6 +139,7 @@ def fill_core(
         t: Layer thickness [mm].
         staying_ratio: Share of the volume that pieces may leave open or lay twice that
             stay only because a deeper level does.
+        carried: Whether pieces that move take the room beside where it was measured.
 
     Returns:
         The sheets of the core, and what changes of the envelope sheets.
@@ -180,7 +182,8 @@ def fill_core(
         if not own.any() and not moved.any():
             continue
         spread = np.minimum(spread_room(front), front.aside)
-        last[k] = add_core_sheet(cores, field, front, moved, spread, k * t, False, t)
+        room = spread if carried else np.minimum(front.room, front.aside)
+        last[k] = add_core_sheet(cores, field, front, moved, room, k * t, False, t)
         own &= kept[k]
         wide = own & opposed & (gap >= WIDE_RATIO * t)
         add_core_sheet(cores, field, front, wide, spread, (k + 1) * t, True, t)

@@ -12,7 +12,7 @@ from vega_planner.errors import BadRestraint, NoLayers
 from vega_planner.layers.contour import Sheet, contour_levels
 from vega_planner.layers.core import SLIVER_RATIO, Core, fill_core, leant
 from vega_planner.layers.distance_field import DistanceField
-from vega_planner.layers.filling import fill
+from vega_planner.layers.filling import Filling, fill
 from vega_planner.layers.folds import folded_ears
 from vega_planner.layers.geodesic import Sources, bend_distances, is_convex_at_region
 from vega_planner.layers.grid import finish, sample_part
@@ -120,18 +120,24 @@ def field_layers(part: Part, settings: LayerSettings, report: Report) -> LayerSt
         return tidy_sheet(settle_sheet(sheet, field, brr) if settle else sheet, sources, t)
 
     sheets = map_threads(refined, sheets)
-    ways = [Core.nothing(sheets, t)]
-    if settings.fill_core:
-        ways = [fill_core(part, grid, field, brr, sheets, t)]
-        if ways[0].begins_early:
-            # Keeping all levels as they are costs less than it gains where walls vary.
-            ways.append(fill_core(part, grid, field, brr, sheets, t, staying_ratio=1.0))
-    if not any(kept.any() for kept in ways[0].kept) and not ways[0].cores:
-        raise NoLayers(f"no layer of t = {t:g} mm fits into part '{part.name}'")
     straight = len(sources.box) > 0
-    filling = fill(
-        part, ways, partial(envelopes, sheets, t=t), field, t, straight, settings.fill_core
-    )
+
+    def filled(carried: bool) -> Filling:
+        ways = [Core.nothing(sheets, t)]
+        if settings.fill_core:
+            core = partial(fill_core, part, grid, field, brr, sheets, t, carried=carried)
+            ways = [core()]
+            if ways[0].begins_early:
+                # Keeping all levels as they are costs less than it gains where walls vary.
+                ways.append(core(staying_ratio=1.0))
+        if not any(kept.any() for kept in ways[0].kept) and not ways[0].cores:
+            raise NoLayers(f"no layer of t = {t:g} mm fits into part '{part.name}'")
+        made = partial(envelopes, sheets, t=t)
+        return fill(part, ways, made, field, t, straight, settings.fill_core)
+
+    filling = filled(carried=True)
+    if settings.fill_core and filling.missed:
+        filling = min(filling, filled(carried=False), key=lambda way: way.rank)
     if filling.uncovered > OPEN_RATIO:
         warnings += (f"{filling.uncovered:.1%} of the volume is covered by no layer",)
     return LayerStack(

@@ -66,10 +66,14 @@ class Filling:
         return OPEN_WEIGHT * self.uncovered + self.overfill
 
     @property
+    def missed(self) -> int:
+        """How many aims are missed."""
+        return int(self.uncovered > OPEN_AIM) + int(self.overfill > FULL_AIM)
+
+    @property
     def rank(self) -> tuple[int, float]:
         """How many aims are missed, then the harm; less is better."""
-        missed = (self.uncovered > OPEN_AIM) + (self.overfill > FULL_AIM)
-        return missed, self.harm
+        return self.missed, self.harm
 
 
 def fill(
