@@ -43,7 +43,7 @@ def test_a_wall_thinner_than_a_layer_gets_one_sheet_in_its_middle():
     assert len(stack.cores) == 1
     core = stack.cores[0]
     assert np.abs(core.vertices[:, 1] - 0.3).max() < 1e-3
-    assert core.thickness == pytest.approx(0.6, abs=1e-3)
+    assert core.bead_thickness == pytest.approx(0.6, abs=1e-3)
     assert core.area == pytest.approx(20 * 15, rel=0.06)
 
 

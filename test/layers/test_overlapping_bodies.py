@@ -63,7 +63,7 @@ def test_a_front_from_aside_is_met_where_its_ball_touches() -> None:
     field = DistanceField(part.vertices, part.faces)
     feet = np.array([[10.0, 0, 7], [0.5, 0, 7], [10, 0, 14.3]])
     aside = np.full(3, np.inf)
-    measure_rooms(field, None, feet, np.tile([0.0, 1, 0], (3, 1)), 1.5, 0.36, aside)
+    measure_rooms(field, None, feet, np.tile([0.0, 1, 0], (3, 1)), 1.5, 0.36, aside=aside)
     assert np.isinf(aside[0])
     assert aside[1:] == pytest.approx([0.5, 0.7], abs=0.01)
 

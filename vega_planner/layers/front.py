@@ -224,7 +224,7 @@ def measure_rooms(
     inward: Floats,
     limit: float,
     free_from: float = 0.0,
-    beside_from: float = np.inf,
+    beside_from: float = 0.0,
     aside: Floats | None = None,
 ) -> tuple[Floats, Ints]:
     """Measure the room in front of points of S, as far as fronts oppose each other.
@@ -250,10 +250,11 @@ def measure_rooms(
     feet, inward = np.ascontiguousarray(feet), np.ascontiguousarray(inward, np.float64)
     brr_tri = brr.tri if brr else np.zeros((0, 16))
     brr_box = brr.box if brr else np.zeros((1, 6))
+    least = np.inf if aside is None else beside_from
 
     def measure(first: int) -> None:
         kernels.measure_room(
-            field.tri, field.box, brr_tri, brr_box, feet, inward, free_from, beside_from, limit,
+            field.tri, field.box, brr_tri, brr_box, feet, inward, free_from, least, limit,
             first, min(first + _CHUNK, count), room, kind,
         )  # fmt: skip
 

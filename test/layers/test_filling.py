@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What layers leave open is filled as far as it can be, and beads stay what they are."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from manifold3d import Manifold as Solid
+
+from vega_planner.layers import generate_layers
+from vega_planner.layers.distance_field import DistanceField
+from vega_planner.layers.filling import allow_for_facets
+from vega_planner.settings import LayerSettings
+
+from .shapes import base, box, part_of, sphere
+
+SETTINGS = LayerSettings(thickness_mm=0.8)
+
+
+def cup(wall: float) -> Solid:
+    outside = Solid.cylinder(14, 9, 9, 96)
+    return outside - Solid.cylinder(20, 9 - wall, 9 - wall, 96).translate((0, 0, wall))
+
+
+def box_cup(wall: float) -> Solid:
+    inside = Solid.cube((20 - 2 * wall, 14 - 2 * wall, 12)).translate((wall, wall, wall))
+    return Solid.cube((20, 14, 10)) - inside
+
+
+@pytest.mark.parametrize("restrain", [base, None], ids=["on its base", "all round"])
+@pytest.mark.parametrize("solid", [cup(0.6), cup(0.8), cup(1.0), cup(2.5), cup(3.0), box_cup(0.8)])
+def test_a_vessel_with_thin_walls_is_filled_and_no_wall_is_laid_twice(solid, restrain):
+    stack = generate_layers(part_of(solid, restrain), SETTINGS)
+    assert stack.uncovered_ratio <= 0.005
+    assert stack.overfill_ratio <= 0.02
+
+
+def test_the_square_ends_of_a_thin_wall_are_covered():
+    part = box(20, 0.8, 15)
+    core = generate_layers(part, SETTINGS).cores[0]
+    samples = np.random.default_rng(1).uniform([0, 0, 0], [20, 0.8, 15], (4000, 3))
+    low, high = part.bounds
+    points = low + samples * (high - low) / [20, 0.8, 15]
+    edges = ((points - low < 0.4) | (high - points < 0.4)).sum(1) >= 2
+    found = DistanceField(core.vertices, core.faces).nearest(points[edges])
+    half = core.thickness[core.faces].mean(1)[found.faces] / 2
+    assert (found.distances <= half).mean() > 0.99
+    assert core.bead_thickness == pytest.approx(0.8, abs=1e-3)
+
+
+def test_the_allowance_for_facets_changes_no_bead():
+    sheet = generate_layers(sphere(6), SETTINGS).layers[0]
+    thicker = allow_for_facets(sheet, 0.003)
+    assert thicker.thickness == pytest.approx(sheet.thickness + 0.003)
+    assert thicker.bead_thickness == pytest.approx(sheet.bead_thickness)
