@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vega_planner.compiled import kernel
+from vega_planner.compiled import inner_kernel, kernel
 from vega_planner.layers.triangle_kernels import closest, walk
 from vega_planner.layers.vertex_kernels import (
     clear_about,
@@ -78,7 +78,7 @@ def flag_edges(
     return total
 
 
-@kernel
+@inner_kernel
 def meet_sheets(tri, corner, ring_start, ring, sa, sb, ga, gb, h, r, v):
     """Move v to the crease where the level sets of two sheets meet, if that is near.
 
@@ -119,7 +119,7 @@ def meet_sheets(tri, corner, ring_start, ring, sa, sb, ga, gb, h, r, v):
     return -1
 
 
-@kernel
+@inner_kernel
 def go_ahead(
     tri, corner, ring_start, ring, slot, d, gradient, origin, h, corner_step, ga, gb, r, hint, v,
     seen,

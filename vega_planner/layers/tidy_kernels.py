@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vega_planner.compiled import kernel
+from vega_planner.compiled import inner_kernel, kernel
 from vega_planner.layers.triangle_kernels import walk
 from vega_planner.part.surface_kernels import cross_of
 
@@ -23,7 +23,7 @@ ALIKE = 0.95
 MOST_AROUND = 32
 
 
-@kernel
+@inner_kernel
 def squared(vertices, a, b):
     """Return the squared length of an edge."""
     total = 0.0
@@ -32,7 +32,7 @@ def squared(vertices, a, b):
     return total
 
 
-@kernel
+@inner_kernel
 def shape_of(vertices, a, b, c, normal):
     """Measure a triangle.
 
@@ -51,7 +51,7 @@ def shape_of(vertices, a, b, c, normal):
     return area / max(longest, 1e-12)
 
 
-@kernel
+@inner_kernel
 def centre_error(tri, corner, ring_start, ring, vertices, slots, a, b, c, r):
     """Measure how far the centre of a face is from the level set."""
     x = (vertices[a, 0] + vertices[b, 0] + vertices[c, 0]) / 3.0
@@ -64,7 +64,7 @@ def centre_error(tri, corner, ring_start, ring, vertices, slots, a, b, c, r):
     return abs(np.sqrt(least) - r)
 
 
-@kernel
+@inner_kernel
 def neighbours(faces, start, around, v, out):
     """List the vertices that share an edge with v; a rim vertex has one more than faces."""
     count = 0
@@ -84,7 +84,7 @@ def neighbours(faces, start, around, v, out):
     return count
 
 
-@kernel
+@inner_kernel
 def has(faces, f, v):
     """Tell whether a face has a corner."""
     return faces[f, 0] == v or faces[f, 1] == v or faces[f, 2] == v
