@@ -20,7 +20,7 @@ from vega_planner.compiled import inner_kernel, kernel
 SAME_BASIN = 0.99
 
 
-@inner_kernel(error_model="numpy")
+@inner_kernel(error_model="numpy", forceinline=True)
 def measure(tri, s, x, y, z):
     """Measure the squared distance from (x, y, z) to triangle s.
 
