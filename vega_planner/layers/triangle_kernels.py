@@ -205,6 +205,26 @@ def walk(tri, corner, ring_start, ring, s, x, y, z):
 
 
 @inner_kernel
+def walk_from(tri, corner, ring_start, ring, sa, sb, sc, x, y, z):
+    """Walk from three triangles; from one that a walk began or ended at it leads no farther.
+
+    Returns:
+        Slot and squared distance of the nearest local minimum.
+    """
+    s, least, _, _, _ = walk(tri, corner, ring_start, ring, sa, x, y, z)
+    first, second = s, s
+    if sb not in (sa, s):
+        second, d2, _, _, _ = walk(tri, corner, ring_start, ring, sb, x, y, z)
+        if d2 < least:
+            s, least = second, d2
+    if sc not in (sa, sb, first, second):
+        q, d2, _, _, _ = walk(tri, corner, ring_start, ring, sc, x, y, z)
+        if d2 < least:
+            s, least = q, d2
+    return s, least
+
+
+@inner_kernel
 def is_among(values, count, value):
     """Tell whether a value is one of the first so many."""
     found = False
