@@ -99,7 +99,8 @@ def fill(
         sheets = (*envelopes(core, lean), *core.cores)
         count = len(sheets) - len(core.cores)
         if strips:
-            sheets = tuple(strip.on(sheet, t) for strip, sheet in zip(strips, sheets))
+            pairs = zip(strips, sheets)
+            sheets = tuple(map_threads(lambda pair: pair[0].on(pair[1], t), pairs))
         before = thinner.coverage if thinner else None
         coverage = measure_coverage(part, samples, sheets, before)
         return Filling(sheets[:count], sheets[count:], coverage)
