@@ -58,6 +58,15 @@ def kernel(function: Any = None, **options: Any) -> Any:
     return Kernel(function, options)
 
 
+def inner_kernel(function: Any = None, **options: Any) -> Any:
+    """Mark a kernel that other kernels call often and that makes no arrays.
+
+    It does without counting the references to the arrays it is given, which costs as much
+    as many a small kernel does.
+    """
+    return kernel(function, _nrt=False, **options)
+
+
 class Kernel:
     """A compiled function; kernels may call each other."""
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vega_planner.compiled import kernel
+from vega_planner.compiled import inner_kernel, kernel
 from vega_planner.layers.grid_kernels import FACING, INSIDE
 from vega_planner.layers.tree_kernels import first_hit, nearest
 from vega_planner.layers.triangle_kernels import closest, measure, walk
@@ -66,7 +66,7 @@ def find_exits(brr_tri, brr_box, origin, h, state, d, level, narrow, ny, nz, fir
                         leave[n, axis] = -1.0 if both else e
 
 
-@kernel
+@inner_kernel
 def root_along(tri, sa, sb, px, py, pz, axis, length, da, db, r):
     """Find where the distance to two triangles passes r along an edge of the grid.
 
@@ -98,7 +98,7 @@ def root_along(tri, sa, sb, px, py, pz, axis, length, da, db, r):
     return u, s
 
 
-@kernel
+@inner_kernel
 def crossing(d, gradient, level, lev, a, b, axis, h, r):
     """Estimate where a level crosses the edge of the grid from node a to node b.
 
@@ -123,7 +123,7 @@ def crossing(d, gradient, level, lev, a, b, axis, h, r):
     return 1.0 - u if turned else u
 
 
-@kernel
+@inner_kernel
 def is_real(tri, origin, h, state, d, slot, leave, n, axis, step, ny, nz, r):
     """Tell whether a crossed edge of the grid meets the level inside the part."""
     m = n + step

@@ -93,10 +93,9 @@ def measure_coverage(
     covered = np.zeros(len(nodes), np.uint8)
 
     def cover(sheet: Layer) -> float:
-        turned = np.ascontiguousarray(sheet.vertices @ AXES)
         material: float = kernels.cover(
-            turned, sheet.faces, sheet.thickness, samples.origin, samples.spacing, row,
-            before_corner, covered,
+            sheet.vertices, AXES, sheet.faces, sheet.thickness, samples.origin, samples.spacing,
+            row, before_corner, covered,
         )  # fmt: skip
         return material
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vega_planner.compiled import kernel
+from vega_planner.compiled import inner_kernel, kernel
 from vega_planner.layers.triangle_kernels import measure_below
 from vega_planner.part.surface_kernels import cross_of
 
@@ -14,7 +14,7 @@ from vega_planner.part.surface_kernels import cross_of
 MANY = 9
 
 
-@kernel
+@inner_kernel
 def lay_triangle(vertices, a, b, c, normal, length, tri):
     """Lay out one triangle as a row of `triangle_kernels`."""
     for k in range(3):
@@ -29,7 +29,7 @@ def lay_triangle(vertices, a, b, c, normal, length, tri):
         tri[0, 15] += tri[0, 6 + k] * tri[0, 6 + k]
 
 
-@kernel
+@inner_kernel
 def count_between(before_corner, first, last):
     """Count the points asked about from one corner of a box to the other, both included."""
     i, j, k = first[0], first[1], first[2]
@@ -40,13 +40,14 @@ def count_between(before_corner, first, last):
 
 
 @kernel
-def cover(vertices, faces, thickness, origin, spacing, row, before_corner, covered):
+def cover(points, axes, faces, thickness, origin, spacing, row, before_corner, covered):
     """Mark the points of a lattice that lie within half the thickness of a sheet.
 
     What counts is the thickness of the face that is nearest.
 
     Args:
-        vertices: Points along the axes of the lattice [mm], (n, 3).
+        points: Vertices of the sheet [mm], (n, 3).
+        axes: Unit vectors of the lattice, as columns, (3, 3).
         faces: Vertex indices, (m, 3).
         thickness: Thickness at the vertices [mm], (n,).
         origin: First point of the lattice [mm].
@@ -59,6 +60,11 @@ def cover(vertices, faces, thickness, origin, spacing, row, before_corner, cover
     Returns:
         Material of the sheet: area times thickness [mm³].
     """
+    vertices = np.zeros((len(points), 3))
+    for v in range(len(points)):
+        for k in range(3):
+            for c in range(3):
+                vertices[v, k] += points[v, c] * axes[c, k]
     material = 0.0
     normal = np.zeros(3)
     tri = np.zeros((1, 16))

@@ -159,7 +159,7 @@ def envelopes(sheets: list[Sheet], core: Core, lean: float, *, t: float) -> list
         sheet = sheets[k]
         kept = core.kept[k]
         # Two open edges and the one opposite to them are all on the rim.
-        corners = sheet.rim[sheet.faces].sum(1)
+        corners = sheet.rim[sheet.faces].sum(1) if sheet.rim.any() else np.zeros(0)
         if (corners == 3).any():
             beside = np.flatnonzero(corners >= 2)
             ears = folded_ears(sheet.vertices, sheet.faces[beside])

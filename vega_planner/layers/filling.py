@@ -111,7 +111,8 @@ def fill(
         sheets = (*envelopes(core, lean), *core.cores)
         count = len(sheets) - len(core.cores)
         if strips:
-            sheets = tuple(strip.on(sheet, t) for strip, sheet in zip(strips, sheets))
+            pairs = zip(strips, sheets)
+            sheets = tuple(map_threads(lambda pair: pair[0].on(pair[1], t), pairs))
         if allowance:
             sheets = tuple(allow_for_facets(sheet, allowance) for sheet in sheets)
         before = thinner.coverage if thinner else None

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vega_planner.compiled import kernel
+from vega_planner.compiled import inner_kernel, kernel
 from vega_planner.layers.tree_kernels import nearest
 from vega_planner.layers.triangle_kernels import SAME_BASIN, closest, is_among, measure, walk
 
@@ -33,7 +33,7 @@ FRONT = 0.5
 HIDDEN_MM = 0.02
 
 
-@kernel
+@inner_kernel
 def edge_side(px, py, qx, qy, x, y):
     """Tell on which side of the line pq a point lies, the same from both triangles."""
     turned = px > qx or (px == qx and py > qy)
@@ -121,7 +121,7 @@ def mark_ring(state, nx, ny, nz, first, last):
                     state[n] = RING
 
 
-@kernel
+@inner_kernel
 def note(tri, s, d2, qx, qy, qz, x, y, z, n, slot, known):
     """Note the nearest triangle of a node, the distance to it and its gradient."""
     r = np.sqrt(d2)

@@ -10,6 +10,7 @@ joint on the sharp edge itself, and as thick as the bands a little beside it.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -87,8 +88,7 @@ class Strips:
             # points between new points come after those
             a, b = plain[self.ends[rows]].T
             plain[first:][rows] = a + self.share[rows] * (b - a)
-        joint = 1 + RAISED * (1 / np.cos(np.minimum(self.bend, 0.9 * np.pi) / 2) - 1)
-        raised = np.minimum(plain * joint, np.maximum(plain, MOST[layer.kind] * t))
+        raised = np.minimum(plain * self._joint, np.maximum(plain, MOST[layer.kind] * t))
         return replace(
             layer,
             vertices=self.vertices,
@@ -96,6 +96,15 @@ class Strips:
             thickness=raised,
             mitre=raised / plain,
         )
+
+    @cached_property
+    def _joint(self) -> Floats:
+        """Thickness at the vertices over that of the bands beside them, shape (n,)."""
+        joint = np.ones(len(self.bend))
+        sharp = np.flatnonzero(self.bend)
+        bend = np.minimum(self.bend[sharp], 0.9 * np.pi)
+        joint[sharp] = 1 + RAISED * (1 / np.cos(bend / 2) - 1)
+        return joint
 
 
 def find_strips(layer: Layer, t: float, field: DistanceField | None = None) -> Strips:

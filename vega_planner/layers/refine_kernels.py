@@ -6,8 +6,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from vega_planner.compiled import kernel
-from vega_planner.layers.triangle_kernels import closest, walk
+from vega_planner.compiled import inner_kernel, kernel
+from vega_planner.layers.triangle_kernels import closest, walk, walk_from
 from vega_planner.layers.vertex_kernels import (
     clear_about,
     nearest_about,
@@ -70,15 +70,17 @@ def flag_edges(
             x = 0.5 * (vertices[a, 0] + vertices[b, 0])
             y = 0.5 * (vertices[a, 1] + vertices[b, 1])
             z = 0.5 * (vertices[a, 2] + vertices[b, 2])
-            _, d2, _, _, _ = walk(tri, corner, ring_start, ring, slots[a], x, y, z)
-            _, e2, _, _, _ = walk(tri, corner, ring_start, ring, slots[b], x, y, z)
+            s, d2, _, _, _ = walk(tri, corner, ring_start, ring, slots[a], x, y, z)
+            e2 = d2
+            if slots[b] not in (slots[a], s):
+                _, e2, _, _, _ = walk(tri, corner, ring_start, ring, slots[b], x, y, z)
             if abs(np.sqrt(min(d2, e2)) - r) > allowed:
                 flagged[f - first, c] = 1
                 total += 1
     return total
 
 
-@kernel
+@inner_kernel
 def meet_sheets(tri, corner, ring_start, ring, sa, sb, ga, gb, h, r, v):
     """Move v to the crease where the level sets of two sheets meet, if that is near.
 
@@ -119,7 +121,7 @@ def meet_sheets(tri, corner, ring_start, ring, sa, sb, ga, gb, h, r, v):
     return -1
 
 
-@kernel
+@inner_kernel
 def go_ahead(
     tri, corner, ring_start, ring, slot, d, gradient, origin, h, corner_step, ga, gb, r, hint, v,
     seen,
@@ -192,31 +194,30 @@ def place_middles(
         x = 0.5 * (vertices[a, 0] + vertices[b, 0])
         y = 0.5 * (vertices[a, 1] + vertices[b, 1])
         z = 0.5 * (vertices[a, 2] + vertices[b, 2])
-        s = slots[a]
-        _, d2, _, _, _ = walk(tri, corner, ring_start, ring, s, x, y, z)
-        _, e2, _, _, _ = walk(tri, corner, ring_start, ring, slots[b], x, y, z)
-        if e2 < d2:
-            s = slots[b]
+        s, d2, fx, fy, fz = walk(tri, corner, ring_start, ring, slots[a], x, y, z)
+        if slots[b] not in (slots[a], s):
+            q, e2, gx, gy, gz = walk(tri, corner, ring_start, ring, slots[b], x, y, z)
+            if e2 < d2:
+                s, d2, fx, fy, fz = q, e2, gx, gy, gz
         turn = 0.0
         for k in range(3):
             turn += inward[a, k] * inward[b, k]
         on_crease = False
-        d2_near = d2
         if turn < 0.8:
             v[0], v[1], v[2] = x, y, z
             q = meet_sheets(
                 tri, corner, ring_start, ring, slots[a], slots[b], inward[a], inward[b], h, r, v
             )  # fmt: skip
             if q >= 0:
-                _, d2, _, _, _ = nearest_about(
+                _, e2, _, _, _ = nearest_about(
                     tri, corner, ring_start, ring, slot, d, gradient, origin, h, corner_step,
                     v[0], v[1], v[2], q, seen,
                 )  # fmt: skip
-                if np.sqrt(d2) > r - 2e-3:
+                if np.sqrt(e2) > r - 2e-3:
                     on_crease = True
                     s = q
                     x, y, z = v[0], v[1], v[2]
-            if not on_crease and turn < 0.3 and np.sqrt(min(d2_near, e2)) > r + WIDE_MM:
+            if not on_crease and turn < 0.3 and np.sqrt(d2) > r + WIDE_MM:
                 v[0], v[1], v[2] = x, y, z
                 q = go_ahead(
                     tri, corner, ring_start, ring, slot, d, gradient, origin, h, corner_step,
@@ -227,8 +228,9 @@ def place_middles(
                     s = q
                     x, y, z = v[0], v[1], v[2]
         checked = False
-        for _ in range(0 if on_crease else 6):
-            s, d2, fx, fy, fz = walk(tri, corner, ring_start, ring, s, x, y, z)
+        for step in range(0 if on_crease else 6):
+            if step > 0:
+                s, d2, fx, fy, fz = walk(tri, corner, ring_start, ring, s, x, y, z)
             e = max(np.sqrt(d2), 1e-9)
             if abs(e - r) < 0.05 and turn < 0.9 and not checked:
                 # Across a crease another sheet may be nearer than walking tells.
@@ -314,13 +316,10 @@ def place_centres(
             x += vertices[faces[f, c], 0] / 3.0
             y += vertices[faces[f, c], 1] / 3.0
             z += vertices[faces[f, c], 2] / 3.0
-        s = slots[faces[f, 0]]
-        least = 1e300
-        for c in range(3):
-            q, d2, _, _, _ = walk(tri, corner, ring_start, ring, slots[faces[f, c]], x, y, z)
-            if d2 < least:
-                least = d2
-                s = q
+        s, least = walk_from(
+            tri, corner, ring_start, ring, slots[faces[f, 0]], slots[faces[f, 1]],
+            slots[faces[f, 2]], x, y, z,
+        )  # fmt: skip
         if abs(np.sqrt(least) - r) <= limit:
             continue
         for step in range(6):

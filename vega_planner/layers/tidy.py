@@ -36,13 +36,13 @@ def tidy_sheet(sheet: Sheet, sources: Sources, t: float) -> Sheet:
     faces = np.array(sheet.faces, np.int64, order="C")
     for _ in range(ROUNDS):
         start, around = vertex_stars(faces, count)
-        changed, skipped = kernels.tidy_faces(
+        changed, skipped, left = kernels.tidy_faces(
             sources.tri, *sources.rings, sheet.vertices, sheet.slots, faces, start, around,
             sheet.depth, SLIVER_HEIGHT * t,
         )  # fmt: skip
         if changed == 0:
             break
-        faces = faces[faces[:, 0] >= 0]
+        faces = faces[:left]
         if skipped == 0:
             break
     # What coincides and could not be merged without joining the two sides of an edge.

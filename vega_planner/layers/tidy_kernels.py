@@ -6,8 +6,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from vega_planner.compiled import kernel
-from vega_planner.layers.triangle_kernels import walk
+from vega_planner.compiled import inner_kernel, kernel
+from vega_planner.layers.triangle_kernels import walk_from
 from vega_planner.part.surface_kernels import cross_of
 
 #: Longest edge whose ends are merged, and longest of the rim [mm].
@@ -23,7 +23,7 @@ ALIKE = 0.95
 MOST_AROUND = 32
 
 
-@kernel
+@inner_kernel
 def squared(vertices, a, b):
     """Return the squared length of an edge."""
     total = 0.0
@@ -32,7 +32,7 @@ def squared(vertices, a, b):
     return total
 
 
-@kernel
+@inner_kernel
 def shape_of(vertices, a, b, c, normal):
     """Measure a triangle.
 
@@ -51,20 +51,17 @@ def shape_of(vertices, a, b, c, normal):
     return area / max(longest, 1e-12)
 
 
-@kernel
+@inner_kernel
 def centre_error(tri, corner, ring_start, ring, vertices, slots, a, b, c, r):
     """Measure how far the centre of a face is from the level set."""
     x = (vertices[a, 0] + vertices[b, 0] + vertices[c, 0]) / 3.0
     y = (vertices[a, 1] + vertices[b, 1] + vertices[c, 1]) / 3.0
     z = (vertices[a, 2] + vertices[b, 2] + vertices[c, 2]) / 3.0
-    least = 1e300
-    for v in (a, b, c):
-        _, d2, _, _, _ = walk(tri, corner, ring_start, ring, slots[v], x, y, z)
-        least = min(least, d2)
+    _, least = walk_from(tri, corner, ring_start, ring, slots[a], slots[b], slots[c], x, y, z)
     return abs(np.sqrt(least) - r)
 
 
-@kernel
+@inner_kernel
 def neighbours(faces, start, around, v, out):
     """List the vertices that share an edge with v; a rim vertex has one more than faces."""
     count = 0
@@ -84,7 +81,7 @@ def neighbours(faces, start, around, v, out):
     return count
 
 
-@kernel
+@inner_kernel
 def has(faces, f, v):
     """Tell whether a face has a corner."""
     return faces[f, 0] == v or faces[f, 1] == v or faces[f, 2] == v
@@ -215,12 +212,13 @@ def flip(
 
 @kernel
 def tidy_faces(tri, corner, ring_start, ring, vertices, slots, faces, start, around, r, height):
-    """Go through the slivers of a sheet once; faces that vanish get -1 as first corner.
+    """Go through the slivers of a sheet once; faces that vanish are left out.
 
     Around a change nothing else is changed, since the lists of faces no longer hold.
 
     Returns:
-        Number of changes, and of slivers that were not looked at for others about them.
+        Number of changes, of slivers that were not looked at for others about them, and of
+        the faces that are left, which come first.
     """
     locked = np.zeros(len(vertices), np.uint8)
     mine, others = np.zeros(2 * MOST_AROUND + 2, np.int64), np.zeros(2 * MOST_AROUND + 2, np.int64)
@@ -276,7 +274,13 @@ def tidy_faces(tri, corner, ring_start, ring, vertices, slots, faces, start, aro
                 locked[faces[f, c]] = 1
                 locked[faces[g, c]] = 1
             changed += 1
-    return changed, skipped
+    left = 0
+    for f in range(len(faces)):
+        if faces[f, 0] >= 0:
+            for c in range(3):
+                faces[left, c] = faces[f, c]
+            left += 1
+    return changed, skipped, left
 
 
 @kernel

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vega_planner.compiled import kernel
+from vega_planner.compiled import inner_kernel, kernel
 from vega_planner.layers.triangle_kernels import closest, measure, measure_below, walk
 
 #: Triangles of a leaf at most, and at least half as many.
@@ -36,13 +36,13 @@ def triangle_middles(vertices, faces):
     return out
 
 
-@kernel
+@inner_kernel
 def leaf_start(leaf, leaves, count):
     """First triangle of a leaf: all have as many, to one."""
     return leaf * count // leaves
 
 
-@kernel
+@inner_kernel
 def part_at(points, order, first, last, at, axis):
     """Order points first:last so that none before `at` is farther along an axis, Hoare's way."""
     low, high = first, last - 1
@@ -135,7 +135,7 @@ def box_tree(tri, leaves):
     return box
 
 
-@kernel
+@inner_kernel
 def lay_planes(tri, first, last, row):
     """Bound some triangles by two planes across their mean normal, in row[6:]."""
     x, y, z = 0.0, 0.0, 0.0
@@ -154,7 +154,7 @@ def lay_planes(tri, first, last, row):
     row[6], row[7], row[8], row[9], row[10] = x, y, z, low, high
 
 
-@kernel
+@inner_kernel
 def box_distance2(box, i, x, y, z):
     """Squared distance from a point to box i; 0 inside."""
     dx = max(box[i, 0] - x, 0.0, x - box[i, 3])
@@ -163,14 +163,14 @@ def box_distance2(box, i, x, y, z):
     return dx * dx + dy * dy + dz * dz
 
 
-@kernel
+@inner_kernel
 def plane_distance(box, i, x, y, z):
     """Distance from a point to what is between the two planes of box i; 0 between them."""
     along = box[i, 6] * x + box[i, 7] * y + box[i, 8] * z
     return max(box[i, 9] - along, along - box[i, 10], 0.0)
 
 
-@kernel
+@inner_kernel
 def nearest(tri, box, x, y, z, hint, bound, stack, lower):
     """Find the nearest triangle by the tree.
 
@@ -254,7 +254,7 @@ def nearest_many(tri, box, points, first, last, slot, distance, foot):
         foot[i, 2] = qz
 
 
-@kernel
+@inner_kernel
 def nearest_or_walk(tri, corner, ring_start, ring, box, x, y, z, hint, stack, lower):
     """Find the nearest triangle to 1e-3 mm, or without a tree what walking reaches."""
     s, d2, _, _, _ = walk(tri, corner, ring_start, ring, hint, x, y, z)
@@ -269,7 +269,7 @@ def nearest_or_walk(tri, corner, ring_start, ring, box, x, y, z, hint, stack, lo
     return q, e2
 
 
-@kernel
+@inner_kernel
 def first_hit(tri, box, px, py, pz, qx, qy, qz, stack):
     """Find where the segment from p to q first meets a triangle.
 

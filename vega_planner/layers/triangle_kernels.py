@@ -13,14 +13,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from vega_planner.compiled import kernel
+from vega_planner.compiled import inner_kernel, kernel
 
 #: Cosine between the ways to the nearest points of two places next to each other above
 #: which walking from either ends at one triangle (8 degrees): they see one smooth sheet.
 SAME_BASIN = 0.99
 
 
-@kernel(error_model="numpy")
+@inner_kernel(error_model="numpy", forceinline=True)
 def measure(tri, s, x, y, z):
     """Measure the squared distance from (x, y, z) to triangle s.
 
@@ -69,7 +69,7 @@ def measure(tri, s, x, y, z):
     return d2, u, v
 
 
-@kernel
+@inner_kernel
 def off_plane(tri, s, x, y, z):
     """Signed distance of a point from the plane of a triangle: none of it is nearer."""
     return (
@@ -77,7 +77,7 @@ def off_plane(tri, s, x, y, z):
     )
 
 
-@kernel
+@inner_kernel
 def measure_below(tri, s, x, y, z, bound):
     """Squared distance of a point from triangle s where it is below a bound, else the bound."""
     off = off_plane(tri, s, x, y, z)
@@ -86,7 +86,7 @@ def measure_below(tri, s, x, y, z, bound):
     return min(measure(tri, s, x, y, z)[0], bound)
 
 
-@kernel(error_model="numpy")
+@inner_kernel(error_model="numpy")
 def foot(tri, s, u, v, x, y, z):
     """Place the point a + u ab + v ac of triangle s, as seen from (x, y, z)."""
     qx = tri[s, 0] + u * tri[s, 3] + v * tri[s, 6]
@@ -105,7 +105,7 @@ def foot(tri, s, u, v, x, y, z):
     return qx, qy, qz
 
 
-@kernel
+@inner_kernel
 def closest(tri, s, x, y, z):
     """Find the point of triangle s nearest to (x, y, z).
 
@@ -117,7 +117,7 @@ def closest(tri, s, x, y, z):
     return d2, qx, qy, qz
 
 
-@kernel
+@inner_kernel
 def heaviest(u, v):
     """Tell which corner the point a + u ab + v ac of a triangle belongs to most."""
     w = 1.0 - u - v
@@ -174,7 +174,7 @@ def rings(faces, order, vertex_count):
     return corner, start, ring
 
 
-@kernel
+@inner_kernel
 def walk(tri, corner, ring_start, ring, s, x, y, z):
     """Step from triangle to triangle round the vertex next to the foot, downhill.
 
@@ -204,7 +204,27 @@ def walk(tri, corner, ring_start, ring, s, x, y, z):
     return s, least, qx, qy, qz
 
 
-@kernel
+@inner_kernel
+def walk_from(tri, corner, ring_start, ring, sa, sb, sc, x, y, z):
+    """Walk from three triangles; from one that a walk began or ended at it leads no farther.
+
+    Returns:
+        Slot and squared distance of the nearest local minimum.
+    """
+    s, least, _, _, _ = walk(tri, corner, ring_start, ring, sa, x, y, z)
+    first, second = s, s
+    if sb not in (sa, s):
+        second, d2, _, _, _ = walk(tri, corner, ring_start, ring, sb, x, y, z)
+        if d2 < least:
+            s, least = second, d2
+    if sc not in (sa, sb, first, second):
+        q, d2, _, _, _ = walk(tri, corner, ring_start, ring, sc, x, y, z)
+        if d2 < least:
+            s, least = q, d2
+    return s, least
+
+
+@inner_kernel
 def is_among(values, count, value):
     """Tell whether a value is one of the first so many."""
     found = False

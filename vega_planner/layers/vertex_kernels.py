@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vega_planner.compiled import kernel
+from vega_planner.compiled import inner_kernel, kernel
 from vega_planner.layers.tree_kernels import nearest, nearest_or_walk
 from vega_planner.layers.triangle_kernels import (
     SAME_BASIN,
@@ -29,7 +29,7 @@ PLACED_MM = 5e-5
 UNSEEN_MM = 0.01
 
 
-@kernel
+@inner_kernel
 def solve3(a, b, damping, x):
     """Solve the damped normal equations a x = b for a symmetric 3 by 3 matrix."""
     e = damping + 1e-30
@@ -43,7 +43,7 @@ def solve3(a, b, damping, x):
     x[2] = (c2 * b[0] + (a[1] * a[2] - p * a[4]) * b[1] + (p * q - a[1] * a[1]) * b[2]) / det
 
 
-@kernel
+@inner_kernel
 def walk_sheet(tri, corner, ring_start, ring, s, x, y, z, gx, gy, gz):
     """Walk to the local minimum, but stay on the sheet with gradient about g.
 
@@ -76,7 +76,7 @@ def walk_sheet(tri, corner, ring_start, ring, s, x, y, z, gx, gy, gz):
     return s, least, qx, qy, qz
 
 
-@kernel
+@inner_kernel
 def walk_wall(tri, corner, ring_start, ring, s, x, y, z):
     """Walk to the local minimum over triangles with about the normal of the first."""
     gx, gy, gz = tri[s, 9], tri[s, 10], tri[s, 11]
@@ -248,7 +248,7 @@ def place(
     return hint
 
 
-@kernel
+@inner_kernel
 def nearest_about(
     tri, corner, ring_start, ring, slot, d, gradient, origin, h, corner_step, x, y, z, hint, seen
 ):
@@ -299,7 +299,7 @@ def nearest_about(
     return best, least, fx, fy, fz
 
 
-@kernel
+@inner_kernel
 def clear_about(tri, corner, ring_start, ring, r, slot, origin, h, corner_step, wide, hint, v):
     """Move a vertex away from triangles of the nodes about it that are nearer than r.
 
@@ -349,7 +349,7 @@ def clear_about(tri, corner, ring_start, ring, r, slot, origin, h, corner_step, 
     return last
 
 
-@kernel
+@inner_kernel
 def settle_about(
     tri, corner, ring_start, ring, r, slot, d, gradient, origin, h, corner_step, hint, v, seen
 ):
@@ -369,7 +369,7 @@ def settle_about(
     return s
 
 
-@kernel
+@inner_kernel
 def settle_rim(
     tri, corner, ring_start, ring, box, brr_tri, brr_box, h, r, hint, v, stack, lower
 ):  # fmt: skip

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vega_planner.compiled import kernel
+from vega_planner.compiled import inner_kernel, kernel
 
 
 @kernel
@@ -187,7 +187,7 @@ def components(count, faces, out):
     return total
 
 
-@kernel
+@inner_kernel
 def cross_of(vertices, a, b, c, out):
     """Work out the normal of a triangle, as long as twice its area, and that length."""
     total = 0.0
