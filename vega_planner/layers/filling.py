@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """How well the sheets fill a part, and what is done about the places they leave open.
 
-Where much stays open, sharp edges are mitred, and last layers whose room is not t lean
-towards laying twice.
+Where much stays open, sharp edges are mitred, last layers whose room is not t lean towards
+laying twice, and at last all sheets are a little thicker, as far as their facets are off.
 """
 
 from __future__ import annotations

@@ -4,7 +4,8 @@
 A band of thickness t that turns a corner of angle phi reaches t / 2 / cos(phi / 2) outwards
 from the middle surface there, as a mitred joint does. What lies within half the thickness
 of the sheet is round instead and leaves the corner open. So the sheet is as thick as the
-joint on the sharp edge itself, and as thick as the bands a little beside it.
+joint on the sharp edge itself, and as thick as the bands a little beside it. The same goes
+for the ends of the core's sheets: a band ends square.
 """
 
 from __future__ import annotations
