@@ -147,6 +147,19 @@ def curved_cap() -> Part:
     )  # fmt: skip
 
 
+def cup(thickness: float) -> Callable[[], Part]:
+    """A round vessel with walls and a floor of a thickness [mm]."""
+    hollow = Solid.cylinder(20, 9 - thickness, 9 - thickness, 96).translate((0, 0, thickness))
+    return lambda: make_part(f"cup{thickness}", Solid.cylinder(14, 9, 9, 96) - hollow, base)
+
+
+def tray(thickness: float) -> Callable[[], Part]:
+    """A vessel with four walls and a floor of a thickness [mm]."""
+    hollow = cube(20 - 2 * thickness, 14 - 2 * thickness, 12)
+    solid = cube(20, 14, 10) - hollow.translate((thickness, thickness, thickness))
+    return lambda: make_part(f"tray{thickness}", solid, base)
+
+
 def saddle() -> Part:
     """A plate on a curved base, restrained below."""
     x, y = np.meshgrid(np.linspace(-20, 20, 61), np.linspace(-15, 15, 46), indexing="ij")
@@ -218,6 +231,8 @@ PARTS: dict[str, Callable[[], Part]] = {
     "blob200": lambda: blob(200, 81920),
 } | {f"wall{w}": wall(w) for w in (0.6, 0.8, 1.0, 1.2, 1.4, 1.6, 1.7, 2.0, 2.4, 2.8, 3.0)} | {
     f"ring{w}": ring_wall(w) for w in (0.6, 1.0, 2.0, 2.5)
+} | {f"cup{w}": cup(w) for w in (0.6, 0.8, 1.0, 1.2, 1.5, 2.0, 2.5, 3.0)} | {
+    f"tray{w}": tray(w) for w in (0.6, 0.8, 1.0, 1.2, 1.5, 2.0, 2.5, 3.0)
 }  # fmt: skip
 
 
