@@ -28,9 +28,12 @@ def box_cup(wall: float) -> Solid:
 
 
 @pytest.mark.parametrize("restrain", [base, None], ids=["on its base", "all round"])
-@pytest.mark.parametrize("solid", [cup(0.6), cup(0.8), cup(1.0), cup(2.5), cup(3.0), box_cup(0.8)])
-def test_a_vessel_with_thin_walls_is_filled_and_no_wall_is_laid_twice(solid, restrain):
-    stack = generate_layers(part_of(solid, restrain), SETTINGS)
+@pytest.mark.parametrize(
+    ("vessel", "wall"),
+    [(cup, 0.6), (cup, 0.8), (cup, 1.0), (cup, 2.5), (cup, 3.0), (box_cup, 0.8)],
+)
+def test_a_vessel_with_thin_walls_is_filled_and_no_wall_is_laid_twice(vessel, wall, restrain):
+    stack = generate_layers(part_of(vessel(wall), restrain), SETTINGS)
     assert stack.uncovered_ratio <= 0.005
     assert stack.overfill_ratio <= 0.02
 
