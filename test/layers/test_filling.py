@@ -56,3 +56,13 @@ def test_the_allowance_for_facets_changes_no_bead():
     thicker = allow_for_facets(sheet, 0.003)
     assert thicker.thickness == pytest.approx(sheet.thickness + 0.003)
     assert thicker.bead_thickness == pytest.approx(sheet.bead_thickness)
+
+
+@pytest.mark.parametrize("height", [0.3, 0.5])
+def test_a_plate_thinner_than_a_layer_is_one_sheet_half_way_to_its_base(height):
+    stack = generate_layers(box(30, 20, height), SETTINGS)
+    assert len(stack.layers) == 0
+    (core,) = stack.cores
+    assert np.median(core.vertices[:, 2]) == pytest.approx(height / 2, abs=1e-4)
+    assert (core.vertices[:, 2] > 0.4 * height).all()
+    assert core.bead_thickness.max() <= height + 1e-4

@@ -160,7 +160,7 @@ def fill_core(
     kept = [np.ones(len(sheet.faces), bool) for sheet in sheets]
     cores: list[Layer] = []
     last: list[Layer | None] = [None] * (len(sheets) + 1)
-    walls, (gap, _) = fronts[0], gaps[0]
+    walls, (gap, opposed) = fronts[0], gaps[0]
     chosen = gap < MIDDLE_RATIO * t
     budget = staying_ratio * part.volume
     leaving = _leaving(
@@ -170,12 +170,17 @@ def fill_core(
     if sheets and chosen.any():
         stays = ~(leaving[0][0] | leaving[0][1])
         _leave_out(walls, chosen, sheets[0], stays, t)
-    wall = add_core_sheet(cores, field, walls, chosen, spread_room(walls), 0.0, True, t)
+    reach = spread_room(walls)
+    thin = [
+        add_core_sheet(cores, field, walls, chosen & opposed, reach, 0.0, True, t),
+        add_core_sheet(cores, field, walls, chosen & ~opposed, reach, 0.0, False, t),
+    ]
     for k, (front, (gap, opposed)) in enumerate(zip(fronts[1:], gaps[1:])):
         moved, slivers = leaving[k]
         kept[k] &= ~moved & ~slivers
-        if k == 0 and wall is not None and moved.any():
-            moved = moved & ~_filled(front, moved, spread_room(front), wall, t)
+        for wall in thin if k == 0 else ():
+            if wall is not None and moved.any():
+                moved = moved & ~_filled(front, moved, spread_room(front), wall, t)
         own = gap < t / 2
         beside = np.isfinite(front.aside)
         rooms[k][beside] = front.aside[beside] - k * t

@@ -165,7 +165,7 @@ def _grown(front: Front, field: DistanceField) -> Front:
     Near an end the end itself is nearer than the other side, so nothing was measured;
     yet the wall is filled up to there.
     """
-    room = front.room.copy()
+    room, opposed = front.room.copy(), front.opposed.copy()
     sources = np.isfinite(room)
     for _ in range(16):
         ends = np.isfinite(room[front.faces])
@@ -174,8 +174,10 @@ def _grown(front: Front, field: DistanceField) -> Front:
             break
         mean = np.where(ends[rows], room[front.faces[rows]], 0).sum(1) / ends[rows].sum(1)
         total, count = np.zeros(len(room)), np.zeros(len(room))
+        meets = opposed[front.faces[rows]].any(1)
         for corner in range(3):
             fresh = ~ends[rows, corner]
+            opposed[front.faces[rows[fresh & meets], corner]] = True
             np.add.at(total, front.faces[rows[fresh], corner], mean[fresh])
             np.add.at(count, front.faces[rows[fresh], corner], 1)
         new = np.flatnonzero(count)
@@ -187,7 +189,7 @@ def _grown(front: Front, field: DistanceField) -> Front:
         points = front.feet[new] + room[new, None] * front.inward[new]
         sources = np.zeros(len(room), bool)
         sources[new] = field.distances(points) > END_RATIO * room[new]
-    return replace(front, room=room)
+    return replace(front, room=room, opposed=opposed)
 
 
 def _samples(corners: Floats, spacing: float) -> tuple[Ints, Floats]:
