@@ -12,7 +12,8 @@ room g = m - (N + 1) t behind a band:
   the mid-surface.
 - g a little above t / 2: the next layer is a sliver that a grid may lose; it is made
   here, from the layer before it.
-- A wall thinner than a layer gets one sheet on its mid-surface.
+- A wall thinner than a layer gets one sheet on its mid-surface, and a floor thinner than
+  that one half-way to the restraint region. What they fill is not laid twice.
 """
 
 from __future__ import annotations

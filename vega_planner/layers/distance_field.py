@@ -117,6 +117,12 @@ class DistanceField:
         length = np.linalg.norm(cross, axis=1, keepdims=True)
         return cross / np.where(length > 0, length, 1.0)
 
+    def slots(self, faces: Ints) -> Ints:
+        """Places of faces in the order of the tree, that of the rows of `tri`, shape (n,)."""
+        places = np.zeros(len(self.faces), np.int64)
+        places[self.faces] = np.arange(len(self.faces))
+        return places[faces]
+
     def first_hits(self, starts: Floats, ends: Floats) -> tuple[Ints, Floats]:
         """Find where segments first meet the surface.
 

@@ -227,10 +227,8 @@ def _measure_about(
     exact = field.nearest(points)
     nearer = np.flatnonzero(exact.distances < known[nodes, 0] * (1 - 1e-6))
     nodes, points = nodes[nearer], points[nearer]
-    place = np.zeros(len(field.faces), slot.dtype)
-    place[field.faces] = np.arange(len(field.faces))
     away = exact.distances[nearer, None]
-    slot[nodes] = place[exact.faces[nearer]]
+    slot[nodes] = field.slots(exact.faces[nearer])
     known[nodes, 0] = away[:, 0]
     known[nodes, 1:] = (points - exact.points[nearer]) / np.maximum(away, 1e-9)
 

@@ -48,10 +48,8 @@ def settle_sheet(sheet: Sheet, field: DistanceField, brr: DistanceField | None) 
         best, least = np.where(better[:, None], points, best), np.where(better, off, least)
         points = found.points + away * (depth / np.maximum(found.distances, 1e-9))[:, None]
     found = field.nearest(best)
-    place = np.zeros(len(field.faces), np.int64)
-    place[field.faces] = np.arange(len(field.faces))
     vertices, slots, inward = sheet.vertices.copy(), sheet.slots.copy(), sheet.inward.copy()
-    vertices[rows], slots[rows] = best, place[found.faces]
+    vertices[rows], slots[rows] = best, field.slots(found.faces)
     inward[rows] = (best - found.points) / np.maximum(found.distances, 1e-9)[:, None]
     lost = np.zeros(len(vertices), bool)
     # Of a wall of an overlapping body both sides are inside: only who is out of S after
