@@ -2,7 +2,8 @@
 """How well the sheets fill a part, and what is done about the places they leave open.
 
 Where much stays open, sharp edges are mitred, last layers whose room is not t lean towards
-laying twice, and at last all sheets are a little thicker, as far as their facets are off.
+laying twice, and all sheets are a little thicker, as far as their facets are off. At last
+sheets grow towards the pockets that are left.
 """
 
 from __future__ import annotations
@@ -12,8 +13,9 @@ from dataclasses import dataclass, replace
 
 from vega_planner.datatypes import Layer, Part
 from vega_planner.layers.core import LEAN, Core
-from vega_planner.layers.coverage import Coverage, measure_coverage, spread_samples
+from vega_planner.layers.coverage import Coverage, Samples, measure_coverage, spread_samples
 from vega_planner.layers.distance_field import DistanceField
+from vega_planner.layers.growth import grow
 from vega_planner.layers.mitre import Strips, find_strips
 from vega_planner.parallel import map_threads
 
@@ -35,6 +37,12 @@ EARLY_GAIN = 1.3
 #: The farthest that last layers lean.
 MOST_LEAN = 0.9
 
+#: How much material covering an open volume is worth, step by step, while sheets grow.
+GROWTH_WEIGHTS = (1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0)
+
+#: Spacing of the points that sheets grow towards, in t, and how many are affordable.
+GROWTH_RATIO, MOST_SAMPLES = 1 / 6, 1.2e6
+
 
 @dataclass(frozen=True, eq=False)
 class Filling:
@@ -49,6 +57,11 @@ class Filling:
     layers: tuple[Layer, ...]
     cores: tuple[Layer, ...]
     coverage: Coverage
+
+    @property
+    def sheets(self) -> tuple[Layer, ...]:
+        """All sheets, cores last."""
+        return (*self.layers, *self.cores)
 
     @property
     def uncovered(self) -> float:
@@ -148,7 +161,38 @@ def fill(
     if best.uncovered > OPEN_AIM:
         thicker = filling(core, lean, strips, best, FACETS_MM)
         best = min(best, thicker, key=lambda way: way.rank)
+    if best.missed:
+        best = min(best, grown(part, samples, ways[LEAN], t), key=lambda way: way.rank)
     return best
+
+
+def grown(part: Part, samples: Samples, way: Filling, t: float) -> Filling:
+    """Let sheets grow towards what they leave open, until little enough is.
+
+    Args:
+        part: The part.
+        samples: Points of the part by which the result is judged.
+        way: The sheets.
+        t: Layer thickness [mm].
+
+    Returns:
+        The sheets, thicker where it pays; as they were where the part has too many points.
+    """
+    count = part.volume / (GROWTH_RATIO * t) ** 3
+    if count > MOST_SAMPLES:
+        return way
+    fine = spread_samples(part, int(count))
+    covered = measure_coverage(part, fine, way.sheets)
+    for weight in GROWTH_WEIGHTS:
+        if way.uncovered < OPEN_AIM:
+            break
+        points = fine.points(covered.open_nodes)
+        sheets = tuple(grow(way.sheets, points, fine.spacing**3, weight, t))
+        covered = measure_coverage(part, fine, sheets, covered)
+        coverage = measure_coverage(part, samples, sheets, way.coverage)
+        first = len(way.layers)
+        way = Filling(sheets[:first], sheets[first:], coverage)
+    return way
 
 
 def allow_for_facets(sheet: Layer, allowance: float) -> Layer:
