@@ -24,16 +24,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from vega_planner.datatypes import Bools, Floats, Ints, Layer, Part
+from vega_planner.layers.carry import carried_room
 from vega_planner.layers.contour import Sheet
 from vega_planner.layers.core_sheet import add_core_sheet
 from vega_planner.layers.distance_field import DistanceField, distances_within
 from vega_planner.layers.front import (
+    END_RATIO,
     Front,
     face_areas,
     face_gaps,
     face_inward,
     face_middles,
-    measure_rooms,
     sheet_front,
     spread_room,
     thin_walls,
@@ -76,46 +77,6 @@ WITHIN_RATIO = 0.25
 #: Where, in the thickness of a face, it is asked whether a wall's sheet fills it, and how
 #: near is near enough, in t.
 FILLED_AT, NEARLY = (0.1, 0.5, 0.9), 0.05
-
-import os
-NEXT=float(os.environ.get('NEXT','.45'))
-GROWN=int(os.environ.get('GROWN','1')); ENDR=float(os.environ.get('ENDR','1'))
-BEY=float(os.environ.get('BEY','1.08')); BEYR=float(os.environ.get('BEYR','1.2'))
-def grown_room(front, chosen, room, field, deeper, t):
-    room = room.copy()
-    faces = front.faces[chosen]
-    for _ in range(16):
-        ends = np.isfinite(room[faces])
-        rows = np.flatnonzero(ends.any(1) & ~ends.all(1))
-        if len(rows) == 0:
-            break
-        mean = np.where(ends[rows], room[faces[rows]], 0).sum(1) / ends[rows].sum(1)
-        total, count = np.zeros(len(room)), np.zeros(len(room))
-        for corner in range(3):
-            fresh = ~ends[rows, corner]
-            np.add.at(total, faces[rows[fresh], corner], mean[fresh])
-            np.add.at(count, faces[rows[fresh], corner], 1)
-        new = np.flatnonzero(count)
-        reach = total[new] / count[new]
-        low, high = 0.3 * reach, 1.3 * reach
-        for _ in range(7):
-            at = (low + high) / 2
-            alive = field.distances(front.feet[new] + at[:, None] * front.inward[new]) > at - 2e-3
-            low, high = np.where(alive, at, low), np.where(alive, high, at)
-        met = low
-        points = front.feet[new] + 1.2 * reach[:, None] * front.inward[new]
-        shallow = (met < 0.95 * reach) & (field.distances(points) < BEY * reach)
-        near = (met >= 0.95 * reach) & (met < BEYR * reach)
-        value = np.where(near, met, reach)
-        keep = shallow | near
-        if deeper is not None:
-            ends = front.feet[new] + np.minimum(value, met)[:, None] * front.inward[new]
-            keep &= distances_within(deeper.vertices, deeper.faces, ends, t / 2) > NEXT * t
-        new, value = new[keep], value[keep]
-        if len(new) == 0:
-            break
-        room[new] = value
-    return room
 
 #: Pieces below this area, in t², are asked how far they rise over their level.
 SMALL_RATIO = 2.7
@@ -181,7 +142,8 @@ def fill_core(
         t: Layer thickness [mm].
         staying_ratio: Share of the volume that pieces may leave open or lay twice that
             stay only because a deeper level does.
-        carried: Whether pieces that move take the room beside where it was measured.
+        carried: Whether pieces that move take the room beside where it was measured, and
+            those of the first level carry it round corners.
 
     Returns:
         The sheets of the core, and what changes of the envelope sheets.
@@ -230,9 +192,11 @@ def fill_core(
             continue
         spread = np.minimum(spread_room(front), front.aside)
         room = spread if carried else np.minimum(front.room, front.aside)
-        if carried and k < GROWN:
-            room = grown_room(front, moved, room, field, sheets[k + 1] if k + 1 < len(sheets) else None, t)
-        last[k] = add_core_sheet(cores, field, front, moved, room, k * t, False, t, *([ENDR] if k < GROWN and carried else []))
+        ends = END_RATIO
+        if carried and k == 0:
+            room = carried_room(front, moved, room, field, sheets[k + 1 : k + 2], t)
+            ends = 1.0
+        last[k] = add_core_sheet(cores, field, front, moved, room, k * t, False, t, ends)
         own &= kept[k]
         wide = own & opposed & (gap >= WIDE_RATIO * t)
         add_core_sheet(cores, field, front, wide, spread, (k + 1) * t, True, t)

@@ -39,6 +39,7 @@ def add_core_sheet(
         start: Depth from which it is filled [mm].
         middle: Whether both sides of a room are filled by this sheet.
         t: Layer thickness [mm].
+        end_ratio: How far from S it stays where no room was measured, in its depth.
 
     Returns:
         The sheet; None where nothing is left of it.

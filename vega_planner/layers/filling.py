@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 
 from vega_planner.datatypes import Layer, Part
 from vega_planner.layers.core import LEAN, Core
-from vega_planner.layers.coverage import Coverage, Samples, measure_coverage, spread_samples
+from vega_planner.layers.coverage import Coverage, measure_coverage, spread_samples
 from vega_planner.layers.distance_field import DistanceField
-from vega_planner.layers.growth import grow
+from vega_planner.layers.growth import Gaps
 from vega_planner.layers.mitre import Strips, find_strips
 from vega_planner.parallel import map_threads
 
@@ -40,8 +40,12 @@ MOST_LEAN = 0.9
 #: How much material covering an open volume is worth, step by step, while sheets grow.
 GROWTH_WEIGHTS = (1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0)
 
-#: Spacing of the points that sheets grow towards, in t, and how many are affordable.
-GROWTH_RATIO, MOST_SAMPLES = 1 / 6, 1.2e6
+#: Spacing of the points that sheets grow towards, in t; how many are affordable; how far
+#: apart they may be then, in t.
+GROWTH_RATIO, MOST_SAMPLES, WIDEST_RATIO = 1 / 5, 1e6, 1 / 3
+
+#: Material laid twice for each volume that sheets grow to cover, at least.
+LEAST_COST = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,11 +56,13 @@ class Filling:
         layers: The envelope layers, outermost first.
         cores: The sheets of the core.
         coverage: What they cover.
+        even: The same before last layers leant any farther, or None where this is it.
     """
 
     layers: tuple[Layer, ...]
     cores: tuple[Layer, ...]
     coverage: Coverage
+    even: Filling | None = None
 
     @property
     def sheets(self) -> tuple[Layer, ...]:
@@ -161,34 +167,34 @@ def fill(
     if best.uncovered > OPEN_AIM:
         thicker = filling(core, lean, strips, best, FACETS_MM)
         best = min(best, thicker, key=lambda way: way.rank)
-    if best.missed:
-        best = min(best, grown(part, samples, ways[LEAN], t), key=lambda way: way.rank)
-    return best
+    return replace(best, even=ways[LEAN])
 
 
-def grown(part: Part, samples: Samples, way: Filling, t: float) -> Filling:
+def grown(part: Part, way: Filling, t: float) -> Filling:
     """Let sheets grow towards what they leave open, until little enough is.
 
     Args:
         part: The part.
-        samples: Points of the part by which the result is judged.
         way: The sheets.
         t: Layer thickness [mm].
 
     Returns:
-        The sheets, thicker where it pays; as they were where the part has too many points.
+        The sheets, thicker where it pays; unchanged where too much would be laid twice.
     """
-    count = part.volume / (GROWTH_RATIO * t) ** 3
-    if count > MOST_SAMPLES:
+    way = way.even or way
+    least = way.overfill + LEAST_COST * max(way.uncovered - OPEN_AIM, 0.0)
+    if least > FULL_AIM:
         return way
-    fine = spread_samples(part, int(count))
-    covered = measure_coverage(part, fine, way.sheets)
+    samples = spread_samples(part)
+    fine = spread_samples(part, int(min(part.volume / (GROWTH_RATIO * t) ** 3, MOST_SAMPLES)))
+    if fine.spacing > WIDEST_RATIO * t:
+        return way
+    open_nodes = measure_coverage(part, fine, way.sheets).open_nodes
+    gaps = Gaps.between(way.sheets, fine.points(open_nodes), fine.spacing**3, t)
     for weight in GROWTH_WEIGHTS:
         if way.uncovered < OPEN_AIM:
             break
-        points = fine.points(covered.open_nodes)
-        sheets = tuple(grow(way.sheets, points, fine.spacing**3, weight, t))
-        covered = measure_coverage(part, fine, sheets, covered)
+        sheets = gaps.filled(way.sheets, weight, t)
         coverage = measure_coverage(part, samples, sheets, way.coverage)
         first = len(way.layers)
         way = Filling(sheets[:first], sheets[first:], coverage)

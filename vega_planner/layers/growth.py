@@ -70,64 +70,110 @@ class Patches:
         return result
 
 
-def grow(
-    sheets: Sequence[Layer], points: Floats, volume: float, weight: float, t: float
-) -> list[Layer]:
-    """Let sheets grow towards points that none of them covers.
+@dataclass(frozen=True, eq=False)
+class Gaps:
+    """Points that no sheet covers, and how far each sheet is from them.
 
-    Args:
-        sheets: The sheets.
-        points: Points that no sheet covers [mm], shape (n, 3).
-        volume: Volume that each of them stands for [mm³].
-        weight: How much material covering a volume is worth.
-        t: Nominal layer thickness [mm].
-
-    Returns:
-        The sheets, thicker where it pays; the places of their points are the same.
+    Attributes:
+        volume: Volume that each point stands for [mm³].
+        distances: For each sheet, distance to the points [mm], infinite beyond reach, (k, n).
+        nearest: For each sheet, its nearest face to them, (k, n).
+        patches: For each sheet, how it is divided.
     """
-    reach = MOST_RATIO * t
 
-    def measure(sheet: Layer) -> tuple[Floats, Ints]:
-        if len(sheet.faces) == 0:
-            return np.full(len(points), np.inf), np.zeros(len(points), np.int64)
-        found = DistanceField(sheet.vertices, sheet.faces).nearest(points)
-        half = sheet.thickness[sheet.faces].mean(1)[found.faces] / 2
-        return np.where(found.distances < reach, found.distances - half, np.inf), found.faces
+    volume: float
+    distances: Floats
+    nearest: Ints
+    patches: tuple[Patches | None, ...]
 
-    measured = map_threads(measure, sheets)
-    owner = np.argmin([missing for missing, _ in measured], axis=0)
+    @classmethod
+    def between(cls, sheets: Sequence[Layer], points: Floats, volume: float, t: float) -> Gaps:
+        """Measure how far sheets are from points.
 
-    def grown(number: int) -> Layer:
-        sheet, (missing, faces) = sheets[number], measured[number]
-        mine = np.flatnonzero((owner == number) & np.isfinite(missing))
-        return _grown(sheet, missing[mine], faces[mine], volume, weight, t)
+        Args:
+            sheets: The sheets.
+            points: Points that no sheet covers [mm], shape (n, 3).
+            volume: Volume that each of them stands for [mm³].
+            t: Nominal layer thickness [mm].
+        """
 
-    return map_threads(grown, range(len(sheets)))
+        def measure(sheet: Layer) -> tuple[Floats, Ints, Patches | None]:
+            distances, nearest = np.full(len(points), np.inf), np.zeros(len(points), np.int64)
+            if len(sheet.faces) == 0:
+                return distances, nearest, None
+            reach = MOST_RATIO * t
+            low, high = sheet.vertices.min(0) - reach, sheet.vertices.max(0) + reach
+            about = np.flatnonzero(((points >= low) & (points <= high)).all(1))
+            found = DistanceField(sheet.vertices, sheet.faces).nearest(points[about])
+            distances[about] = np.where(found.distances < reach, found.distances, np.inf)
+            nearest[about] = found.faces
+            return distances, nearest, Patches.of_sheet(sheet, PATCH_RATIO * t)
+
+        distances, nearest, patches = zip(*map_threads(measure, sheets))
+        return cls(volume, np.array(distances), np.array(nearest), patches)
+
+    def filled(self, sheets: Sequence[Layer], weight: float, t: float) -> tuple[Layer, ...]:
+        """Let sheets grow where it pays.
+
+        Args:
+            sheets: The sheets, at the same places as when the gaps were measured.
+            weight: How much material covering a volume is worth.
+            t: Nominal layer thickness [mm].
+
+        Returns:
+            The sheets, thicker where it pays.
+        """
+        halves = [sheet.thickness[sheet.faces].mean(1) / 2 for sheet in sheets]
+        missing = np.array(
+            [
+                distances - half[nearest] if len(half) else distances
+                for distances, nearest, half in zip(self.distances, self.nearest, halves)
+            ]
+        )
+        owner = np.argmin(missing, axis=0)
+        least = missing[owner, np.arange(len(owner))]
+        is_open = np.isfinite(least) & (least > 0)
+
+        def grown(number: int) -> Layer:
+            mine = np.flatnonzero((owner == number) & is_open)
+            patches = self.patches[number]
+            if patches is None or len(mine) == 0:
+                return sheets[number]
+            faces = self.nearest[number, mine]
+            shares = missing[number, mine] / halves[number][faces]
+            return _grown(sheets[number], patches, shares, faces, self.volume * weight, t)
+
+        return tuple(map_threads(grown, range(len(sheets))))
 
 
 def _grown(
-    sheet: Layer, missing: Floats, nearest: Ints, volume: float, weight: float, t: float
+    sheet: Layer, patches: Patches, missing: Floats, nearest: Ints, worth: float, t: float
 ) -> Layer:
-    """Let one sheet grow towards the points it may cover."""
-    if len(nearest) == 0:
-        return sheet
-    patches = Patches.of_sheet(sheet, PATCH_RATIO * t)
-    half = sheet.thickness[sheet.faces].mean(1) / 2
+    """Let one sheet grow towards points.
+
+    Args:
+        sheet: The sheet.
+        patches: How it is divided.
+        missing: The share by which it would have to grow to reach each point.
+        nearest: Its face that is nearest to each point.
+        worth: Material that covering one point is worth [mm³].
+        t: Nominal layer thickness [mm].
+    """
     shares = np.arange(0.0, MOST_RATIO, STEP)
     # Place of the least share that covers a point; those beyond the last count nowhere.
-    least = np.searchsorted(shares, missing / half[nearest])
+    least = np.searchsorted(shares, missing)
     gained = np.zeros((patches.count, len(shares) + 1))
-    np.add.at(gained, (patches.of_face[nearest], least), weight * volume)
+    np.add.at(gained, (patches.of_face[nearest], least), worth)
     areas = sheet.face_areas
-    material = np.bincount(patches.of_face, 2 * half * areas, patches.count)
+    laid = areas * sheet.thickness[sheet.faces].mean(1)
+    material: Floats = np.bincount(patches.of_face, laid, patches.count)
     spread = patches.spread(material)
     gain = np.cumsum(patches.spread(gained)[:, :-1], axis=1) - spread[:, None] * shares
     share = patches.spread(shares[np.argmax(gain, axis=1)] * material) / spread
-    at_vertices, total = np.zeros(len(sheet.vertices)), np.zeros(len(sheet.vertices))
-    for corner in range(3):
-        rows = sheet.faces[:, corner]
-        np.add.at(at_vertices, rows, areas * share[patches.of_face])
-        np.add.at(total, rows, areas)
+    corners = sheet.faces.ravel()
+    weights = np.repeat(areas, 3)
+    total = np.bincount(corners, weights, len(sheet.vertices))
+    at_vertices = np.bincount(corners, weights * np.repeat(share[patches.of_face], 3), len(total))
     growth = 1 + at_vertices / np.maximum(total, 1e-12)
     growth = np.clip(growth, 1.0, np.maximum(MOST_RATIO * t / sheet.bead_thickness, 1.0))
     return replace(sheet, thickness=sheet.thickness * growth)
