@@ -207,6 +207,9 @@ def fill_core(
         k = front.level + 1
         following = (gap >= t / 2) & (gap < t / 2 + sliver)
         following &= (gap >= MIDDLE_RATIO * t) | (k > 0)
+        for wall in thin if k == 0 else ():
+            if wall is not None and following.any():
+                following &= ~_filled(front, following, spread_room(front), wall, t)
         if not following.any():
             continue
         if k < len(sheets):
@@ -243,7 +246,7 @@ def _leave_out(front: Front, chosen: Bools, sheet: Sheet, stays: Bools, t: float
 
 
 def _filled(front: Front, chosen: Bools, room: Floats, wall: Layer, t: float) -> Bools:
-    """Find the chosen faces of the first level whose own thickness a wall's sheet fills."""
+    """Find the chosen faces of a front whose room a thin wall's sheet fills."""
     rows = np.flatnonzero(chosen)
     corners = front.faces[rows]
     free = np.where(room < 1.5 * t, room, t)[corners].mean(1)[:, None]

@@ -40,9 +40,9 @@ MOST_LEAN = 0.9
 #: How much material covering an open volume is worth, step by step, while sheets grow.
 GROWTH_WEIGHTS = (1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0)
 
-#: Spacing of the points that sheets grow towards, in t; how many are affordable; how far
-#: apart they may be then, in t.
-GROWTH_RATIO, MOST_SAMPLES, WIDEST_RATIO = 1 / 5, 1e6, 1 / 3
+#: Spacing of the points that sheets grow towards, in t; how many are affordable where
+#: both aims may be met, and where the one for what is laid twice is missed.
+GROWTH_RATIO, MOST_SAMPLES, FEW_SAMPLES = 1 / 5, 2e6, 5e5
 
 #: Material laid twice for each volume that sheets grow to cover, at least.
 LEAST_COST = 0.3
@@ -85,13 +85,14 @@ class Filling:
         return OPEN_WEIGHT * self.uncovered + self.overfill
 
     @property
-    def missed(self) -> int:
-        """How many aims are missed."""
-        return int(self.uncovered > OPEN_AIM) + int(self.overfill > FULL_AIM)
+    def missed(self) -> float:
+        """How far the aims are missed, weighed as `harm` is."""
+        open_volume = max(self.uncovered - OPEN_AIM, 0.0)
+        return OPEN_WEIGHT * open_volume + max(self.overfill - FULL_AIM, 0.0)
 
     @property
-    def rank(self) -> tuple[int, float]:
-        """How many aims are missed, then the harm; less is better."""
+    def rank(self) -> tuple[float, float]:
+        """How far the aims are missed, then the harm; less is better."""
         return self.missed, self.harm
 
 
@@ -183,12 +184,10 @@ def grown(part: Part, way: Filling, t: float) -> Filling:
     """
     way = way.even or way
     least = way.overfill + LEAST_COST * max(way.uncovered - OPEN_AIM, 0.0)
-    if least > FULL_AIM:
+    count = part.volume / (GROWTH_RATIO * t) ** 3
+    if count > (MOST_SAMPLES if least < FULL_AIM else FEW_SAMPLES):
         return way
-    samples = spread_samples(part)
-    fine = spread_samples(part, int(min(part.volume / (GROWTH_RATIO * t) ** 3, MOST_SAMPLES)))
-    if fine.spacing > WIDEST_RATIO * t:
-        return way
+    samples, fine = spread_samples(part), spread_samples(part, int(count))
     open_nodes = measure_coverage(part, fine, way.sheets).open_nodes
     gaps = Gaps.between(way.sheets, fine.points(open_nodes), fine.spacing**3, t)
     for weight in GROWTH_WEIGHTS:

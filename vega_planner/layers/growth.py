@@ -166,7 +166,7 @@ def _grown(
     np.add.at(gained, (patches.of_face[nearest], least), worth)
     areas = sheet.face_areas
     laid = areas * sheet.thickness[sheet.faces].mean(1)
-    material: Floats = np.bincount(patches.of_face, laid, patches.count)
+    material = np.bincount(patches.of_face, laid, patches.count).astype(np.float64)
     spread = patches.spread(material)
     gain = np.cumsum(patches.spread(gained)[:, :-1], axis=1) - spread[:, None] * shares
     share = patches.spread(shares[np.argmax(gain, axis=1)] * material) / spread
