@@ -199,7 +199,7 @@ def completeness(stack: LayerStack, count: int = 60000) -> dict[str, float]:
     return {"missing_ratio": missing / max(asked, 1), "expected_layers_at_least": deepest}
 
 
-def filling(stack: LayerStack, count: int = 100000) -> dict[str, float]:
+def filling(stack: LayerStack, count: int = 200000) -> dict[str, float]:
     """Measure the volume no layer covers, and the material laid beyond what fits.
 
     A sheet covers what lies within half its local thickness. The overfill is the
