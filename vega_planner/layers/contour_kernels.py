@@ -404,8 +404,8 @@ def make_vertices(
                         if beyond == 0 and len(box) > 0:
                             before = hint
                             hint = clear_about(
-                                tri, corner, ring_start, ring, r, slot, origin, h, corner_step,
-                                not know_foot, hint, v,
+                                tri, corner, ring_start, ring, r, slot, d, gradient, origin, h,
+                                corner_step, not know_foot, hint, v,
                             )  # fmt: skip
                             know_foot = know_foot and hint == before
                         position[vertex, 0] = v[0]

@@ -100,6 +100,7 @@ def fill(
         The best filling found.
     """
     samples = spread_samples(part)
+    made: dict[tuple[int, float], list[Layer]] = {}
 
     def filling(
         core: Core,
@@ -108,7 +109,9 @@ def fill(
         thinner: Filling | None = None,
         allowance: float = 0.0,
     ) -> Filling:
-        sheets = (*envelopes(core, lean), *core.cores)
+        if (id(core), lean) not in made:
+            made[id(core), lean] = envelopes(core, lean)
+        sheets = (*made[id(core), lean], *core.cores)
         count = len(sheets) - len(core.cores)
         if strips:
             pairs = zip(strips, sheets)

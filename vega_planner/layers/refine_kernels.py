@@ -249,11 +249,14 @@ def place_middles(
             x = fx + (x - fx) * r / e
             y = fy + (y - fy) * r / e
             z = fz + (z - fz) * r / e
+            if e > r and turn >= 0.9:
+                break  # towards the foot it stays the foot
         if not on_rim[i] and len(box) > 0:
             # Straight distances alone: nodes about may be across a slot.
             v[0], v[1], v[2] = x, y, z
             s = clear_about(
-                tri, corner, ring_start, ring, r, slot, origin, h, corner_step, turn < 0.9, s, v
+                tri, corner, ring_start, ring, r, slot, d, gradient, origin, h, corner_step,
+                turn < 0.9, s, v,
             )  # fmt: skip
             x, y, z = v[0], v[1], v[2]
         elif on_rim[i]:

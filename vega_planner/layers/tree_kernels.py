@@ -238,16 +238,24 @@ def nearest(tri, box, x, y, z, hint, bound, stack, lower):
 
 
 @kernel
-def nearest_many(tri, box, points, first, last, slot, distance, foot):
-    """Answer the nearest-point query for points[first:last]."""
+def nearest_many(tri, box, points, reach, first, last, slot, distance, foot):
+    """Answer the nearest-point query for points[first:last].
+
+    What is not nearer than a point's reach is left out: slot -1, at an infinite distance.
+    """
     stack = np.zeros(64, np.int64)
     lower = np.zeros(64)
     hint = -1
     for i in range(first, last):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        hint, _ = nearest(tri, box, x, y, z, hint, 1e300, stack, lower)
-        d2, qx, qy, qz = closest(tri, hint, x, y, z)
-        slot[i] = hint
+        bound = min(reach[i] * reach[i], 1e300)
+        s, _ = nearest(tri, box, x, y, z, hint, bound, stack, lower)
+        slot[i] = s
+        if s < 0:
+            distance[i] = np.inf
+            continue
+        hint = s
+        d2, qx, qy, qz = closest(tri, s, x, y, z)
         distance[i] = np.sqrt(d2)
         foot[i, 0] = qx
         foot[i, 1] = qy
