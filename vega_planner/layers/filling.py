@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 from vega_planner.datatypes import Layer, Part
 from vega_planner.layers.core import LEAN, Core
-from vega_planner.layers.coverage import Coverage, measure_coverage, spread_samples
+from vega_planner.layers.coverage import Coverage, Samples, measure_coverage
 from vega_planner.layers.distance_field import DistanceField
 from vega_planner.layers.mitre import Strips, find_strips
 from vega_planner.parallel import map_threads
@@ -78,6 +78,7 @@ class Filling:
 
 def fill(
     part: Part,
+    samples: Samples,
     cores: list[Core],
     envelopes: Callable[[Core, float], list[Layer]],
     field: DistanceField,
@@ -89,6 +90,7 @@ def fill(
 
     Args:
         part: The part.
+        samples: Points of the part.
         cores: One way to fill the core, or a second one in which levels stay as they are.
         envelopes: Makes the envelope layers that belong to a core, leaning by a share.
         field: Distances to S.
@@ -99,7 +101,6 @@ def fill(
     Returns:
         The best filling found.
     """
-    samples = spread_samples(part)
     made: dict[tuple[int, float], list[Layer]] = {}
 
     def filling(

@@ -18,6 +18,9 @@ from vega_planner.layers.vertex_kernels import (
 #: Edges between the sides of a sliver may be so far off the level set [mm].
 WIDE_MM = 0.1
 
+#: Centres this near to a corner, which is on the level, are not looked at, in their limit.
+NEAR_CORNER = 0.9
+
 
 @kernel
 def flag_edges(
@@ -319,6 +322,12 @@ def place_centres(
             x += vertices[faces[f, c], 0] / 3.0
             y += vertices[faces[f, c], 1] / 3.0
             z += vertices[faces[f, c], 2] / 3.0
+        near = 1e300
+        for c in range(3):
+            away = (vertices[faces[f, c], 0] - x) ** 2 + (vertices[faces[f, c], 1] - y) ** 2
+            near = min(near, away + (vertices[faces[f, c], 2] - z) ** 2)
+        if near < NEAR_CORNER * NEAR_CORNER * limit * limit:
+            continue  # a distance changes by no more than the way
         s, least = walk_from(
             tri, corner, ring_start, ring, slots[faces[f, 0]], slots[faces[f, 1]],
             slots[faces[f, 2]], x, y, z,

@@ -211,10 +211,23 @@ def flip(
 
 
 @kernel
-def tidy_faces(tri, corner, ring_start, ring, vertices, slots, faces, start, around, r, height):
+def tidy_faces(
+    tri, corner, ring_start, ring, vertices, slots, faces, tall, start, around, r, height
+):
     """Go through the slivers of a sheet once; faces that vanish are left out.
 
     Around a change nothing else is changed, since the lists of faces no longer hold.
+
+    Args:
+        tri: Triangle rows of S, with `corner`, `ring_start` and `ring`.
+        vertices: Points [mm], (n, 3).
+        slots: A triangle of S next to each vertex, (n,).
+        faces: Vertex indices, changed in place, (m, 3).
+        tall: 1 for faces that are known to be no slivers, changed in place, (m,).
+        start: Where the faces about each vertex begin in `around`, (n + 1,).
+        around: Those faces.
+        r: Depth of the sheet [mm].
+        height: Height below which a face is a sliver [mm].
 
     Returns:
         Number of changes, of slivers that were not looked at for others about them, and of
@@ -226,9 +239,10 @@ def tidy_faces(tri, corner, ring_start, ring, vertices, slots, faces, start, aro
     side = np.zeros(3)
     changed, skipped = 0, 0
     for f in range(len(faces)):
-        if faces[f, 0] < 0:
+        if faces[f, 0] < 0 or tall[f]:
             continue
         if shape_of(vertices, faces[f, 0], faces[f, 1], faces[f, 2], normal) >= height:
+            tall[f] = 1
             continue
         if locked[faces[f, 0]] or locked[faces[f, 1]] or locked[faces[f, 2]]:
             skipped += 1
@@ -253,6 +267,7 @@ def tidy_faces(tri, corner, ring_start, ring, vertices, slots, faces, start, aro
                     if has(faces, g, stays):
                         faces[g, 0] = -1
                         continue
+                    tall[g] = 0
                     for c in range(3):
                         if faces[g, c] == gone:
                             faces[g, c] = stays
@@ -270,6 +285,7 @@ def tidy_faces(tri, corner, ring_start, ring, vertices, slots, faces, start, aro
             long, mine,
         )  # fmt: skip
         if g >= 0:
+            tall[f] = tall[g] = 0
             for c in range(3):
                 locked[faces[f, c]] = 1
                 locked[faces[g, c]] = 1
@@ -279,6 +295,7 @@ def tidy_faces(tri, corner, ring_start, ring, vertices, slots, faces, start, aro
         if faces[f, 0] >= 0:
             for c in range(3):
                 faces[left, c] = faces[f, c]
+            tall[left] = tall[f]
             left += 1
     return changed, skipped, left
 

@@ -164,10 +164,11 @@ def box_distance2(box, i, x, y, z):
 
 
 @inner_kernel
-def plane_distance(box, i, x, y, z):
-    """Distance from a point to what is between the two planes of box i; 0 between them."""
+def lower_bound(box, i, x, y, z):
+    """Squared distance from a point below which nothing of box i is: to it or its planes."""
     along = box[i, 6] * x + box[i, 7] * y + box[i, 8] * z
-    return max(box[i, 9] - along, along - box[i, 10], 0.0)
+    off = max(box[i, 9] - along, along - box[i, 10], 0.0)
+    return max(box_distance2(box, i, x, y, z), off * off)
 
 
 @inner_kernel
@@ -199,42 +200,36 @@ def nearest(tri, box, x, y, z, hint, bound, stack, lower):
     leaves = (len(box) + 1) // 2
     count = len(tri)
     top = 0
-    stack[0] = 0
-    lower[0] = box_distance2(box, 0, x, y, z)
-    top = 1
-    while top > 0:
-        top -= 1
-        i = stack[top]
-        if lower[top] >= least or plane_distance(box, i, x, y, z) ** 2 >= least:
-            continue
-        if i >= leaves - 1:
+    i = 0
+    reached = lower_bound(box, 0, x, y, z)
+    while True:
+        if reached < least and i >= leaves - 1:
             leaf = i - leaves + 1
             for s in range(leaf_start(leaf, leaves, count), leaf_start(leaf + 1, leaves, count)):
                 d2 = measure_below(tri, s, x, y, z, least)
                 if d2 < least:
                     least = d2
                     best = s
-        else:
+        elif reached < least:
+            # Down to the nearer child at once; the other one waits.
             left = 2 * i + 1
-            a = box_distance2(box, left, x, y, z)
-            b = box_distance2(box, left + 1, x, y, z)
+            a = lower_bound(box, left, x, y, z)
+            b = lower_bound(box, left + 1, x, y, z)
             if a < b:
+                i, reached = left, a
                 if b < least:
-                    stack[top] = left + 1
-                    lower[top] = b
+                    stack[top], lower[top] = left + 1, b
                     top += 1
-                stack[top] = left
-                lower[top] = a
-                top += 1
             else:
+                i, reached = left + 1, b
                 if a < least:
-                    stack[top] = left
-                    lower[top] = a
+                    stack[top], lower[top] = left, a
                     top += 1
-                stack[top] = left + 1
-                lower[top] = b
-                top += 1
-    return best, least
+            continue
+        if top == 0:
+            return best, least
+        top -= 1
+        i, reached = stack[top], lower[top]
 
 
 @kernel
