@@ -164,11 +164,11 @@ def box_distance2(box, i, x, y, z):
 
 
 @inner_kernel
-def lower_bound(box, i, x, y, z):
-    """Squared distance from a point below which nothing of box i is: to it or its planes."""
+def plane_distance2(box, i, x, y, z):
+    """Squared distance from a point to what is between the planes of box i; 0 between them."""
     along = box[i, 6] * x + box[i, 7] * y + box[i, 8] * z
     off = max(box[i, 9] - along, along - box[i, 10], 0.0)
-    return max(box_distance2(box, i, x, y, z), off * off)
+    return off * off
 
 
 @inner_kernel
@@ -201,7 +201,7 @@ def nearest(tri, box, x, y, z, hint, bound, stack, lower):
     count = len(tri)
     top = 0
     i = 0
-    reached = lower_bound(box, 0, x, y, z)
+    reached = 0.0
     while True:
         if reached < least and i >= leaves - 1:
             leaf = i - leaves + 1
@@ -213,9 +213,11 @@ def nearest(tri, box, x, y, z, hint, bound, stack, lower):
         elif reached < least:
             # Down to the nearer child at once; the other one waits.
             left = 2 * i + 1
-            a = lower_bound(box, left, x, y, z)
-            b = lower_bound(box, left + 1, x, y, z)
-            if a < b:
+            a, b = box_distance2(box, left, x, y, z), box_distance2(box, left + 1, x, y, z)
+            first = a < b
+            a = max(a, plane_distance2(box, left, x, y, z))
+            b = max(b, plane_distance2(box, left + 1, x, y, z))
+            if first:
                 i, reached = left, a
                 if b < least:
                     stack[top], lower[top] = left + 1, b
