@@ -76,7 +76,7 @@ def flag_edges(
             s, d2, _, _, _ = walk(tri, corner, ring_start, ring, slots[a], x, y, z)
             e2 = d2
             if slots[b] not in (slots[a], s):
-                _, e2, _, _, _ = walk(tri, corner, ring_start, ring, slots[b], x, y, z)
+                _, e2, _, _, _ = walk(tri, corner, ring_start, ring, slots[b], x, y, z, s)
             if abs(np.sqrt(min(d2, e2)) - r) > allowed:
                 flagged[f - first, c] = 1
                 total += 1
@@ -199,7 +199,7 @@ def place_middles(
         z = 0.5 * (vertices[a, 2] + vertices[b, 2])
         s, d2, fx, fy, fz = walk(tri, corner, ring_start, ring, slots[a], x, y, z)
         if slots[b] not in (slots[a], s):
-            q, e2, gx, gy, gz = walk(tri, corner, ring_start, ring, slots[b], x, y, z)
+            q, e2, gx, gy, gz = walk(tri, corner, ring_start, ring, slots[b], x, y, z, s)
             if e2 < d2:
                 s, d2, fx, fy, fz = q, e2, gx, gy, gz
         turn = 0.0

@@ -207,8 +207,11 @@ def is_farther(tri, s, x, y, z, qx, qy, qz, least):
 
 
 @inner_kernel
-def walk(tri, corner, ring_start, ring, s, x, y, z):
+def walk(tri, corner, ring_start, ring, s, x, y, z, known=-1):
     """Step from triangle to triangle round the vertex next to the foot, downhill.
+
+    Args:
+        known: Where a walk to this point has ended already, so that this one ends there too.
 
     Returns:
         Slot and squared distance of a local minimum, and the nearest point on it.
@@ -216,7 +219,7 @@ def walk(tri, corner, ring_start, ring, s, x, y, z):
     least, u, v = measure(tri, s, x, y, z)
     qx, qy, qz = foot(tri, s, u, v, x, y, z)
     done = -1
-    while True:
+    while s != known:
         vertex = corner[s, heaviest(u, v)]
         if vertex == done:
             break
@@ -244,11 +247,11 @@ def walk_from(tri, corner, ring_start, ring, sa, sb, sc, x, y, z):
     s, least, _, _, _ = walk(tri, corner, ring_start, ring, sa, x, y, z)
     first, second = s, s
     if sb not in (sa, s):
-        second, d2, _, _, _ = walk(tri, corner, ring_start, ring, sb, x, y, z)
+        second, d2, _, _, _ = walk(tri, corner, ring_start, ring, sb, x, y, z, s)
         if d2 < least:
             s, least = second, d2
     if sc not in (sa, sb, first, second):
-        q, d2, _, _, _ = walk(tri, corner, ring_start, ring, sc, x, y, z)
+        q, d2, _, _, _ = walk(tri, corner, ring_start, ring, sc, x, y, z, s)
         if d2 < least:
             s, least = q, d2
     return s, least

@@ -290,7 +290,7 @@ def nearest_about(
         for q in range(3):
             seen[count, q] = gradient[m, q]
         count += 1
-        s, d2, qx, qy, qz = walk(tri, corner, ring_start, ring, s, x, y, z)
+        s, d2, qx, qy, qz = walk(tri, corner, ring_start, ring, s, x, y, z, best)
         if d2 < least:
             best, least = s, d2
             fx, fy, fz = qx, qy, qz
