@@ -42,11 +42,11 @@ def mark_last(
     the gradient has turned aside, at a ridge between fronts that do not oppose each other.
     """
     beyond = ahead + 0.87 * h
+    node = np.zeros(3, np.int64)
     for i in range(first, last):
         n = 0
         inside = True
         along = 0.0
-        node = np.zeros(3, np.int64)
         for k in range(3):
             x = points[i, k] + beyond * inward[i, k]
             q = int(np.floor((x - origin[k]) / h + 0.5))

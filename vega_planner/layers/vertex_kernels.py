@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vega_planner.compiled import inner_kernel, kernel
+from vega_planner.compiled import inner_kernel
 from vega_planner.layers.tree_kernels import nearest, nearest_or_walk
 from vega_planner.layers.triangle_kernels import (
     SAME_BASIN,
@@ -95,7 +95,7 @@ def walk_wall(tri, corner, ring_start, ring, s, x, y, z):
             return s
 
 
-@kernel
+@inner_kernel
 def place(
     tri,
     corner,
@@ -116,6 +116,10 @@ def place(
     h,
     r,
     v,
+    a,
+    b,
+    step,
+    g,
     stack,
     lower,
 ):
@@ -136,16 +140,16 @@ def place(
         h: Grid spacing.
         r: Distance of the level.
         v: The point, changed in place.
+        a: Scratch, (6,).
+        b: Scratch, (3,).
+        step: Scratch, (3,).
+        g: Scratch, (16, 4).
         stack: Scratch.
         lower: Scratch.
 
     Returns:
         Slot of the nearest triangle of S.
     """
-    a = np.zeros(6)
-    b = np.zeros(3)
-    step = np.zeros(3)
-    g = np.zeros((16, 4))
     start = (v[0], v[1], v[2])
     hint = sheets[0]
     converged = False
