@@ -14,7 +14,7 @@ from vega_planner.layers.contour import Sheet, contour_levels
 from vega_planner.layers.core import SLIVER_RATIO, Core, fill_core, leant
 from vega_planner.layers.coverage import spread_samples
 from vega_planner.layers.distance_field import DistanceField
-from vega_planner.layers.filling import Filling, fill
+from vega_planner.layers.filling import Filling, fill, grown
 from vega_planner.layers.folds import folded_ears
 from vega_planner.layers.geodesic import Sources, bend_distances, is_convex_at_region
 from vega_planner.layers.grid import finish, sample_part
@@ -141,7 +141,11 @@ def field_layers(part: Part, settings: LayerSettings, report: Report) -> LayerSt
 
     filling = filled(carried=True)
     if settings.fill_core and filling.missed:
-        filling = min(filling, filled(carried=False), key=lambda way: way.rank)
+        ways = [filling, filled(carried=False)]
+        filling = min(ways, key=lambda way: way.rank)
+        if filling.missed:
+            ways = [filling, *(grown(part, way, t) for way in ways)]
+            filling = min(ways, key=lambda way: way.rank)
     if filling.uncovered > OPEN_RATIO:
         warnings += (f"{filling.uncovered:.1%} of the volume is covered by no layer",)
     return LayerStack(
