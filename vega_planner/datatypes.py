@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,10 +22,17 @@ Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 
+def _is_frozen(values: ArrayLike) -> TypeGuard[NDArray[Any]]:
+    if type(values) is not np.ndarray:
+        return False
+    flags = values.flags
+    return flags.c_contiguous and flags.owndata and not flags.writeable
+
+
 def frozen_array(
     name: str, values: ArrayLike, dtype: type, shape: tuple[int | None, ...]
 ) -> NDArray:
-    """Copy values into a read-only C-ordered array and check them.
+    """Copy values into a read-only C-ordered array, unless they are one, and check them.
 
     Args:
         name: What the array is called in an error text.
@@ -34,12 +41,16 @@ def frozen_array(
         shape: Expected shape; None stands for any length.
 
     Returns:
-        A new array with `writeable` off.
+        An array with `writeable` off.
 
     Raises:
         InvalidInput: If the shape differs or a floating-point value is not finite.
     """
-    array: NDArray[Any] = np.array(values, dtype=dtype, order="C")
+    array: NDArray[Any]
+    if _is_frozen(values) and values.dtype == dtype:
+        array = values
+    else:
+        array = np.array(values, dtype=dtype, order="C")
     matches = array.ndim == len(shape) and all(
         want is None or have == want for have, want in zip(array.shape, shape, strict=True)
     )

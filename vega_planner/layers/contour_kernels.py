@@ -225,6 +225,7 @@ def make_vertices(
     limits = np.zeros(24)
     v = np.zeros(3)
     virtual = np.zeros((12, 3))
+    square, right, newton, rows = np.zeros(6), np.zeros(3), np.zeros(3), np.zeros((16, 4))
     seen = np.zeros((9, 3))
     for i in range(first, last):
         for j in range(ny - 1):
@@ -388,7 +389,7 @@ def make_vertices(
                                 tri, corner, ring_start, ring, box,
                                 brr_tri, brr_corner, brr_start, brr_ring, brr_box,
                                 sheets, normals, limits, kinds, walls, wall_count, h, r, v,
-                                stack, lower,
+                                square, right, newton, rows, stack, lower,
                             )  # fmt: skip
                             if beyond > 0:
                                 hint = settle_rim(
@@ -404,8 +405,8 @@ def make_vertices(
                         if beyond == 0 and len(box) > 0:
                             before = hint
                             hint = clear_about(
-                                tri, corner, ring_start, ring, r, slot, origin, h, corner_step,
-                                not know_foot, hint, v,
+                                tri, corner, ring_start, ring, r, slot, d, gradient, origin, h,
+                                corner_step, not know_foot, hint, v,
                             )  # fmt: skip
                             know_foot = know_foot and hint == before
                         position[vertex, 0] = v[0]

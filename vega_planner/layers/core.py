@@ -19,7 +19,7 @@ room g = m - (N + 1) t behind a band:
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -179,8 +179,10 @@ def fill_core(
         add_core_sheet(cores, field, walls, chosen & opposed, reach, 0.0, True, t),
         add_core_sheet(cores, field, walls, chosen & ~opposed, reach, 0.0, False, t),
     ]
-    for k, (front, (gap, opposed)) in enumerate(zip(fronts[1:], gaps[1:])):
-        moved, slivers = leaving[k]
+
+    def fill_behind(k: int) -> list[Layer]:
+        mine: list[Layer] = []
+        front, (gap, opposed), (moved, slivers) = fronts[k + 1], gaps[k + 1], leaving[k]
         kept[k] &= ~moved & ~slivers
         for wall in thin if k == 0 else ():
             if wall is not None and moved.any():
@@ -189,29 +191,32 @@ def fill_core(
         beside = np.isfinite(front.aside)
         rooms[k][beside] = front.aside[beside] - k * t
         if not own.any() and not moved.any():
-            continue
+            return mine
         spread = np.minimum(spread_room(front), front.aside)
         room = spread if carried else np.minimum(front.room, front.aside)
         ends = END_RATIO
         if carried and k == 0:
             room = carried_room(front, moved, room, field, sheets[k + 1 : k + 2], t)
             ends = 1.0
-        last[k] = add_core_sheet(cores, field, front, moved, room, k * t, False, t, ends)
+        last[k] = add_core_sheet(mine, field, front, moved, room, k * t, False, t, ends)
         own &= kept[k]
         wide = own & opposed & (gap >= WIDE_RATIO * t)
-        add_core_sheet(cores, field, front, wide, spread, (k + 1) * t, True, t)
+        add_core_sheet(mine, field, front, wide, spread, (k + 1) * t, True, t)
         narrow = np.unique(front.faces[own & ~wide])
         free = np.where(np.isfinite(spread), spread - k * t, t)[narrow]
         rooms[k][narrow] = free
-    for front, (gap, _) in zip(fronts, gaps):
-        k = front.level + 1
+        return mine
+
+    def fill_lost(k: int) -> list[Layer]:
+        mine: list[Layer] = []
+        front, gap = fronts[k], gaps[k][0]
         following = (gap >= t / 2) & (gap < t / 2 + sliver)
         following &= (gap >= MIDDLE_RATIO * t) | (k > 0)
         for wall in thin if k == 0 else ():
             if wall is not None and following.any():
                 following &= ~_filled(front, following, spread_room(front), wall, t)
         if not following.any():
-            continue
+            return mine
         if k < len(sheets):
             rows = np.flatnonzero(following)
             feet, inward = front.feet[front.faces[rows]].mean(1), face_inward(front, rows)
@@ -227,7 +232,15 @@ def fill_core(
                 rows = rows[near.distances(ahead) > t / 4]
             following = np.zeros(len(following), bool)
             following[rows] = True
-        add_core_sheet(cores, field, front, following, spread_room(front), k * t, False, t)
+        add_core_sheet(mine, field, front, following, spread_room(front), k * t, False, t)
+        return mine
+
+    def fill_about(k: int) -> tuple[list[Layer], list[Layer]]:
+        return fill_behind(k) if k < len(sheets) else [], fill_lost(k)
+
+    made = map_threads(fill_about, range(len(fronts)))
+    cores += [sheet for half in zip(*made) for mine in half for sheet in mine]
+    cores = [replace(sheet, index=index) for index, sheet in enumerate(cores)]
     _join_core(cores, sheets, rooms, kept, t)
     return Core(tuple(cores), tuple(rooms), tuple(kept))
 

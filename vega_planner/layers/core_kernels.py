@@ -42,11 +42,11 @@ def mark_last(
     the gradient has turned aside, at a ridge between fronts that do not oppose each other.
     """
     beyond = ahead + 0.87 * h
+    node = np.zeros(3, np.int64)
     for i in range(first, last):
         n = 0
         inside = True
         along = 0.0
-        node = np.zeros(3, np.int64)
         for k in range(3):
             x = points[i, k] + beyond * inward[i, k]
             q = int(np.floor((x - origin[k]) / h + 0.5))
@@ -167,6 +167,51 @@ def measure_room(
             kind[i] = ASIDE
         if kind[i] != OPEN:
             room[i] = free
+
+
+@kernel
+def spread_over(vertices, faces, spacing, most, owners, points):
+    """Spread points over triangles, at least one on each, about `spacing` apart.
+
+    Long thin triangles get a row of points along their longest side, not a square of them.
+
+    Args:
+        vertices: Points [mm], (n, 3).
+        faces: Vertex indices, (m, 3).
+        spacing: Distance between points [mm].
+        most: Rows of points, and points of a row, at most.
+        owners: Result: the face each point is on; empty where points are to be counted only.
+        points: Result [mm], (k, 3).
+
+    Returns:
+        Number of points.
+    """
+    normal, side = np.zeros(3), np.zeros(3)
+    total = 0
+    for f in range(len(faces)):
+        for c in range(3):
+            a, b = faces[f, c], faces[f, (c + 1) % 3]
+            side[c] = 0.0
+            for k in range(3):
+                side[c] += (vertices[b, k] - vertices[a, k]) ** 2
+        first = np.argmax(side)
+        width = np.sqrt(side[first])
+        a, b, c = faces[f, first], faces[f, (first + 1) % 3], faces[f, (first + 2) % 3]
+        height = cross_of(vertices, a, b, c, normal) / max(width, 1e-12)
+        along = min(max(int(np.ceil(width / spacing)), 1), most)
+        across = min(max(int(np.ceil(height / spacing)), 1), most)
+        for j in range(across):
+            v = (j + 1.0 / 3.0) / across
+            count = int(np.ceil(along * (1.0 - v)))
+            for i in range(count if len(owners) else 0):
+                u = (i + 0.5) / count * (1.0 - v)
+                owners[total + i] = f
+                for k in range(3):
+                    points[total + i, k] = (
+                        (1.0 - u - v) * vertices[a, k] + u * vertices[b, k] + v * vertices[c, k]
+                    )
+            total += count
+    return total
 
 
 @kernel

@@ -58,12 +58,16 @@ def add_core_sheet(
     unsure = np.flatnonzero(~front.measured[used])
     ends = start + end_ratio * (depth[unsure] - start)
     for _ in range(3):
-        found = field.nearest(points[unsure])
-        away = (points[unsure] - found.points) / np.maximum(found.distances, 1e-9)[:, None]
-        on_surface = found.distances < 1e-6
-        away[on_surface] = -field.normals(found.faces[on_surface])
-        push = np.maximum(ends - found.distances, 0.0)
-        points[unsure] += away * np.minimum(push, t)[:, None]
+        found = field.nearest(points[unsure], ends)
+        near = np.flatnonzero(found.faces >= 0)
+        if len(near) == 0:
+            break
+        unsure, ends, distances = unsure[near], ends[near], found.distances[near]
+        away = (points[unsure] - found.points[near]) / np.maximum(distances, 1e-9)[:, None]
+        on_surface = distances < 1e-6
+        away[on_surface] = -field.normals(found.faces[near[on_surface]])
+        push = np.minimum(ends - distances, t)
+        points[unsure] += away * push[:, None]
     thickness = 2 * free if middle else free
     if middle and start > 0:
         thickness = np.maximum(thickness, t / 2)

@@ -14,7 +14,7 @@ from vega_planner.layers import triangle_kernels as triangles
 from vega_planner.parallel import map_threads
 
 #: Points answered by one piece of work; a power of two keeps neighbours together.
-_CHUNK = 4096
+_CHUNK = 256
 
 #: Subtrees that threads sort, and leaves from which on that pays.
 _SUBTREES, _MANY = 8, 1024
@@ -84,27 +84,32 @@ class DistanceField:
             self._rings = triangles.rings(self._mesh_faces, self.faces, len(self._vertices))
         return self._rings
 
-    def nearest(self, points: Floats) -> NearestPoints:
+    def nearest(self, points: Floats, reach: Floats | None = None) -> NearestPoints:
         """Find the nearest point of the surface for each point.
 
         Args:
             points: Points [mm], shape (n, 3).
+            reach: Distance of each from which on nothing is wanted [mm], shape (n,).
 
         Returns:
-            Distances, nearest points and faces.
+            Distances, nearest points and faces; an infinite distance, and face -1, where
+            nothing is within reach.
         """
         points = np.ascontiguousarray(points, np.float64)
         count = len(points)
+        reach = np.full(count, np.inf) if reach is None else np.ascontiguousarray(reach)
         slot = np.zeros(count, np.int64)
         distance = np.zeros(count)
         foot = np.zeros((count, 3))
 
         def answer(first: int) -> None:
             last = min(first + _CHUNK, count)
-            trees.nearest_many(self.tri, self.box, points, first, last, slot, distance, foot)
+            trees.nearest_many(
+                self.tri, self.box, points, reach, first, last, slot, distance, foot
+            )
 
         map_threads(answer, range(0, count, _CHUNK))
-        return NearestPoints(distance, foot, self.faces[slot])
+        return NearestPoints(distance, foot, np.where(slot >= 0, self.faces[slot], -1))
 
     def distances(self, points: Floats) -> Floats:
         """Measure the distance of each point to the surface [mm], shape (n,)."""
@@ -171,8 +176,9 @@ def distances_within(vertices: Floats, faces: Ints, points: Floats, reach: float
     near = np.zeros(len(faces), bool)
     trees.mark_faces(vertices, faces, low, size, cells, near)
     if near.any():
-        found = DistanceField(vertices, faces[near]).distances(points)
-    return np.where(found < reach, found, np.inf)
+        near_field = DistanceField(vertices, faces[near])
+        found = near_field.nearest(points, np.full(len(points), reach)).distances
+    return found
 
 
 def _sorted(middles: Floats, leaves: int) -> Ints:

@@ -6,13 +6,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from vega_planner.compiled import kernel
+from vega_planner.compiled import inner_kernel, kernel
 from vega_planner.layers.contour_kernels import is_real
 from vega_planner.layers.grid_kernels import INSIDE
 from vega_planner.layers.triangle_kernels import walk
 
 
-@kernel
+@inner_kernel
 def vertex_of(level, corner_step, counts, members, base, cell, lev, edge):
     """Number the vertex that an edge of a cell has at a level."""
     low = level[cell]

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from vega_planner.datatypes import Bools, Floats, Ints, Layer, LayerStack, Part
 from vega_planner.errors import BadRestraint, NoLayers
 from vega_planner.layers.contour import Sheet, contour_levels
 from vega_planner.layers.core import SLIVER_RATIO, Core, fill_core, leant
+from vega_planner.layers.coverage import spread_samples
 from vega_planner.layers.distance_field import DistanceField
 from vega_planner.layers.filling import Filling, fill, grown
 from vega_planner.layers.folds import folded_ears
@@ -119,7 +121,9 @@ def field_layers(part: Part, settings: LayerSettings, report: Report) -> LayerSt
         sheet = refine_sheet(sheet, grid, sources, brr)
         return tidy_sheet(settle_sheet(sheet, field, brr) if settle else sheet, sources, t)
 
-    sheets = map_threads(refined, sheets)
+    # Samples need but one thread, which sheets keep the other ones from waiting for.
+    works: list[Any] = [partial(spread_samples, part), *(partial(refined, s) for s in sheets)]
+    samples, *sheets = map_threads(lambda work: work(), works)
     straight = len(sources.box) > 0
 
     def filled(carried: bool) -> Filling:
@@ -133,7 +137,7 @@ def field_layers(part: Part, settings: LayerSettings, report: Report) -> LayerSt
         if not any(kept.any() for kept in ways[0].kept) and not ways[0].cores:
             raise NoLayers(f"no layer of t = {t:g} mm fits into part '{part.name}'")
         made = partial(envelopes, sheets, t=t)
-        return fill(part, ways, made, field, t, straight, settings.fill_core)
+        return fill(part, samples, ways, made, field, t, straight, settings.fill_core)
 
     filling = filled(carried=True)
     if settings.fill_core and filling.missed:
@@ -170,6 +174,9 @@ def envelopes(sheets: list[Sheet], core: Core, lean: float, *, t: float) -> list
             kept = kept.copy()
             kept[beside[ears & (corners[beside] == 3)]] = False
         vertices, faces, thickness = kept_faces(sheet, kept, leant(core.room[k], t, lean))
+        for array in (vertices, faces, thickness):
+            if array is not sheet.vertices and array is not sheet.faces:
+                array.flags.writeable = False  # or a layer would copy it
         return Layer(
             index=k,
             kind="envelope",

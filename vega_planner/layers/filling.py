@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 from vega_planner.datatypes import Layer, Part
 from vega_planner.layers.core import LEAN, Core
-from vega_planner.layers.coverage import Coverage, measure_coverage, spread_samples
+from vega_planner.layers.coverage import Coverage, Samples, measure_coverage, spread_samples
 from vega_planner.layers.distance_field import DistanceField
 from vega_planner.layers.growth import Gaps
 from vega_planner.layers.mitre import Strips, find_strips
@@ -98,6 +98,7 @@ class Filling:
 
 def fill(
     part: Part,
+    samples: Samples,
     cores: list[Core],
     envelopes: Callable[[Core, float], list[Layer]],
     field: DistanceField,
@@ -109,6 +110,7 @@ def fill(
 
     Args:
         part: The part.
+        samples: Points of the part.
         cores: One way to fill the core, or a second one in which levels stay as they are.
         envelopes: Makes the envelope layers that belong to a core, leaning by a share.
         field: Distances to S.
@@ -119,7 +121,7 @@ def fill(
     Returns:
         The best filling found.
     """
-    samples = spread_samples(part)
+    made: dict[tuple[int, float], list[Layer]] = {}
 
     def filling(
         core: Core,
@@ -128,7 +130,9 @@ def fill(
         thinner: Filling | None = None,
         allowance: float = 0.0,
     ) -> Filling:
-        sheets = (*envelopes(core, lean), *core.cores)
+        if (id(core), lean) not in made:
+            made[id(core), lean] = envelopes(core, lean)
+        sheets = (*made[id(core), lean], *core.cores)
         count = len(sheets) - len(core.cores)
         if strips:
             pairs = zip(strips, sheets)

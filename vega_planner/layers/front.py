@@ -127,7 +127,7 @@ def thin_walls(
     """
     surface = part.faces[~part.restrained]
     normals = part.face_normals[~part.restrained]
-    owner, points = _samples(part.vertices[surface], 2 * limit)
+    owner, points = _samples(part.vertices, surface, 2 * limit)
     inward = -normals[owner]
     candidates = np.zeros(len(points), np.uint8)
     kernels.mark_last(
@@ -192,31 +192,13 @@ def _grown(front: Front, field: DistanceField) -> Front:
     return replace(front, room=room, opposed=opposed)
 
 
-def _samples(corners: Floats, spacing: float) -> tuple[Ints, Floats]:
+def _samples(vertices: Floats, faces: Ints, spacing: float) -> tuple[Ints, Floats]:
     """Spread points over triangles, at least one on each, about `spacing` apart."""
-    sides = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
-    longest = np.argmax(sides, axis=1)
-    turned = np.take_along_axis(corners, ((longest[:, None] + np.arange(3)) % 3)[:, :, None], 1)
-    width = sides[np.arange(len(sides)), longest]
-    cross = np.cross(turned[:, 1] - turned[:, 0], turned[:, 2] - turned[:, 0])
-    height = np.linalg.norm(cross, axis=1) / np.maximum(width, 1e-12)
-    # Long thin triangles get a row of points, not a square of them.
-    along = np.clip(np.ceil(width / spacing).astype(np.int64), 1, MOST_ROWS)
-    across = np.clip(np.ceil(height / spacing).astype(np.int64), 1, MOST_ROWS)
-    kind = along * (MOST_ROWS + 1) + across
-    owners, points = [], []
-    for n in np.unique(kind):
-        mine = np.flatnonzero(kind == n)
-        rows = []
-        for j in range(n % (MOST_ROWS + 1)):
-            v = (j + 1 / 3) / (n % (MOST_ROWS + 1))
-            count = int(np.ceil(n // (MOST_ROWS + 1) * (1 - v)))
-            u = (np.arange(count) + 0.5) / count * (1 - v)
-            rows.append(np.column_stack([1 - u - v, u, np.full(count, v)]))
-        weights = np.concatenate(rows)
-        owners.append(np.repeat(mine, len(weights)))
-        points.append(np.einsum("wk,fkd->fwd", weights, turned[mine]).reshape(-1, 3))
-    return np.concatenate(owners), np.concatenate(points)
+    none = np.zeros(0, np.int64), np.zeros((0, 3))
+    count = kernels.spread_over(vertices, faces, spacing, MOST_ROWS, *none)
+    owners, points = np.zeros(count, np.int64), np.zeros((count, 3))
+    kernels.spread_over(vertices, faces, spacing, MOST_ROWS, owners, points)
+    return owners, points
 
 
 def measure_rooms(

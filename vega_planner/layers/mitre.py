@@ -133,8 +133,7 @@ def find_strips(layer: Layer, t: float, field: DistanceField | None = None) -> S
     # Faces that only touch sharp edges all round get a middle that is not sharp.
     flagged = np.zeros(faces.shape, np.uint8)
     kernels.flag_edges(vertices, faces, bend, crease, 2, 2 * width, flagged)
-    flagged[crease == RIM] = 0
-    _keep_at_depth(flagged, flagged, vertices, faces, field, depth)
+    _keep_flags(flagged, crease, None, vertices, faces, field, depth)
     faces, middles = split_flagged(faces, len(vertices), flagged)
     vertices = np.concatenate([vertices, vertices[middles].mean(1)])
     bend = np.concatenate([bend, np.zeros(len(middles))])
@@ -142,16 +141,18 @@ def find_strips(layer: Layer, t: float, field: DistanceField | None = None) -> S
     crease = _creases(vertices, faces, bend > 0, 1, t)[2]
     flagged = np.zeros(faces.shape, np.uint8)
     kernels.flag_edges(vertices, faces, bend, np.zeros_like(crease), 1, 2 * width, flagged)
-    flagged[crease == RIM] = 0
-    _keep_at_depth(flagged, crease == UNEVEN, vertices, faces, field, depth)
+    _keep_flags(flagged, crease, UNEVEN, vertices, faces, field, depth)
     faces, ends = split_flagged(faces, len(vertices), flagged)
     sharp = np.where(bend[ends[:, 0]] > 0, ends[:, 0], ends[:, 1])
     other = ends.sum(1) - sharp
     away = vertices[other] - vertices[sharp]
     length, height = row_lengths(away), row_lengths(np.cross(away, along[sharp]))
     share = np.minimum(width / np.clip(height, length / LONGEST, length), 0.5)
+    vertices = np.concatenate([vertices, vertices[sharp] + share[:, None] * away])
+    # Sheets of any thickness share them.
+    vertices.flags.writeable = faces.flags.writeable = False
     return Strips(
-        np.concatenate([vertices, vertices[sharp] + share[:, None] * away]),
+        vertices,
         faces,
         np.concatenate([middles, np.column_stack([sharp, other])]),
         np.concatenate([np.full(len(middles), 0.5), share]),
@@ -191,20 +192,30 @@ def _creases(
     return bend, along, crease
 
 
-def _keep_at_depth(
+def _keep_flags(
     flagged: np.ndarray,
-    doubtful: np.ndarray,
+    crease: np.ndarray,
+    doubtful: int | None,
     vertices: Floats,
     faces: Ints,
     field: DistanceField | None,
     depth: float,
 ) -> None:
-    """Take the flag from doubtful edges whose middles are off the level set, in place."""
+    """Take the flag from sides on the rim, and from those off the level set, in place.
+
+    Only sides with the doubtful mark in `crease` are measured, or all where that is None.
+    """
+    sides = np.flatnonzero(flagged.view(np.bool_))
+    marks = crease.ravel()[sides]
+    flagged.ravel()[sides[marks == RIM]] = 0
     if field is None:
         return
-    rows, sides = np.nonzero((flagged > 0) & (doubtful > 0))
-    ends = np.sort([faces[rows, sides], faces[rows, (sides + 1) % 3]], axis=0)
+    sides = sides[marks != RIM if doubtful is None else marks == doubtful]
+    corners = faces.ravel()
+    ends = np.sort([corners[sides], corners[sides - sides % 3 + (sides + 1) % 3]], axis=0)
     edges, number = np.unique(ends[0] * len(vertices) + ends[1], return_inverse=True)
     first, second = np.divmod(edges, len(vertices))
-    off = np.abs(field.distances((vertices[first] + vertices[second]) / 2) - depth)
-    flagged[rows, sides] = (off < OFF_MM)[number]
+    middles = (vertices[first] + vertices[second]) / 2
+    near = field.nearest(middles, np.full(len(middles), depth + OFF_MM))
+    off = np.abs(near.distances - depth)
+    flagged.ravel()[sides] = (off < OFF_MM)[number]

@@ -18,6 +18,9 @@ from vega_planner.layers.vertex_kernels import (
 #: Edges between the sides of a sliver may be so far off the level set [mm].
 WIDE_MM = 0.1
 
+#: Centres this near to a corner, which is on the level, are not looked at, in their limit.
+NEAR_CORNER = 0.9
+
 
 @kernel
 def flag_edges(
@@ -73,7 +76,7 @@ def flag_edges(
             s, d2, _, _, _ = walk(tri, corner, ring_start, ring, slots[a], x, y, z)
             e2 = d2
             if slots[b] not in (slots[a], s):
-                _, e2, _, _, _ = walk(tri, corner, ring_start, ring, slots[b], x, y, z)
+                _, e2, _, _, _ = walk(tri, corner, ring_start, ring, slots[b], x, y, z, s)
             if abs(np.sqrt(min(d2, e2)) - r) > allowed:
                 flagged[f - first, c] = 1
                 total += 1
@@ -196,7 +199,7 @@ def place_middles(
         z = 0.5 * (vertices[a, 2] + vertices[b, 2])
         s, d2, fx, fy, fz = walk(tri, corner, ring_start, ring, slots[a], x, y, z)
         if slots[b] not in (slots[a], s):
-            q, e2, gx, gy, gz = walk(tri, corner, ring_start, ring, slots[b], x, y, z)
+            q, e2, gx, gy, gz = walk(tri, corner, ring_start, ring, slots[b], x, y, z, s)
             if e2 < d2:
                 s, d2, fx, fy, fz = q, e2, gx, gy, gz
         turn = 0.0
@@ -249,11 +252,14 @@ def place_middles(
             x = fx + (x - fx) * r / e
             y = fy + (y - fy) * r / e
             z = fz + (z - fz) * r / e
+            if e > r and turn >= 0.9:
+                break  # towards the foot it stays the foot
         if not on_rim[i] and len(box) > 0:
             # Straight distances alone: nodes about may be across a slot.
             v[0], v[1], v[2] = x, y, z
             s = clear_about(
-                tri, corner, ring_start, ring, r, slot, origin, h, corner_step, turn < 0.9, s, v
+                tri, corner, ring_start, ring, r, slot, d, gradient, origin, h, corner_step,
+                turn < 0.9, s, v,
             )  # fmt: skip
             x, y, z = v[0], v[1], v[2]
         elif on_rim[i]:
@@ -316,6 +322,12 @@ def place_centres(
             x += vertices[faces[f, c], 0] / 3.0
             y += vertices[faces[f, c], 1] / 3.0
             z += vertices[faces[f, c], 2] / 3.0
+        near = 1e300
+        for c in range(3):
+            away = (vertices[faces[f, c], 0] - x) ** 2 + (vertices[faces[f, c], 1] - y) ** 2
+            near = min(near, away + (vertices[faces[f, c], 2] - z) ** 2)
+        if near < NEAR_CORNER * NEAR_CORNER * limit * limit:
+            continue  # a distance changes by no more than the way
         s, least = walk_from(
             tri, corner, ring_start, ring, slots[faces[f, 0]], slots[faces[f, 1]],
             slots[faces[f, 2]], x, y, z,

@@ -34,15 +34,16 @@ def tidy_sheet(sheet: Sheet, sources: Sources, t: float) -> Sheet:
     """
     count = len(sheet.vertices)
     faces = np.array(sheet.faces, np.int64, order="C")
+    tall = np.zeros(len(faces), np.uint8)
     for _ in range(ROUNDS):
         start, around = vertex_stars(faces, count)
         changed, skipped, left = kernels.tidy_faces(
-            sources.tri, *sources.rings, sheet.vertices, sheet.slots, faces, start, around,
+            sources.tri, *sources.rings, sheet.vertices, sheet.slots, faces, tall, start, around,
             sheet.depth, SLIVER_HEIGHT * t,
         )  # fmt: skip
         if changed == 0:
             break
-        faces = faces[:left]
+        faces, tall = faces[:left], tall[:left]
         if skipped == 0:
             break
     # What coincides and could not be merged without joining the two sides of an edge.

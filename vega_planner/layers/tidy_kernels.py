@@ -87,12 +87,12 @@ def has(faces, f, v):
     return faces[f, 0] == v or faces[f, 1] == v or faces[f, 2] == v
 
 
-@kernel
+@inner_kernel
 def fits(
-    tri, corner, ring_start, ring, vertices, slots, a, b, c, r, height, allowed, old, ox, oy, oz
-):
+    tri, corner, ring_start, ring, vertices, slots, a, b, c, r, height, allowed, old, ox, oy, oz,
+    normal,
+):  # fmt: skip
     """Tell whether a new face may take the place of one with normal o and height old."""
-    normal = np.zeros(3)
     tall = shape_of(vertices, a, b, c, normal)
     if (tall < height and tall < 0.999 * old) or tall < 1e-6:
         return False
@@ -101,10 +101,10 @@ def fits(
     return centre_error(tri, corner, ring_start, ring, vertices, slots, a, b, c, r) <= allowed
 
 
-@kernel
+@inner_kernel
 def can_merge(
     tri, corner, ring_start, ring, vertices, slots, faces, start, around, r, height, gone, stays,
-    mine, others,
+    mine, others, new, normal, other,
 ):  # fmt: skip
     """Tell whether vertex `gone` may become `stays`."""
     first, last = start[gone], start[gone + 1]
@@ -129,7 +129,6 @@ def can_merge(
             return False
     elif shared != 2:
         return False
-    normal, new = np.zeros(3), np.zeros(3, np.int64)
     for i in range(first, last):
         f = around[i]
         if has(faces, f, stays):
@@ -146,7 +145,7 @@ def can_merge(
         )  # fmt: skip
         if not fits(
             tri, corner, ring_start, ring, vertices, slots, new[0], new[1], new[2], r, height,
-            allowed, old, normal[0], normal[1], normal[2],
+            allowed, old, normal[0], normal[1], normal[2], other,
         ):  # fmt: skip
             return False
         if old < height and not keeps_side(vertices, slots, tri, new, normal):
@@ -154,21 +153,22 @@ def can_merge(
     return True
 
 
-@kernel
+@inner_kernel
 def keeps_side(vertices, slots, tri, new, normal):
     """Tell whether a face looks towards S, as the outward side of a sheet does."""
     shape_of(vertices, new[0], new[1], new[2], normal)
-    for v in new:
-        s = slots[v]
+    for c in range(3):
+        s = slots[new[c]]
         if normal[0] * tri[s, 9] + normal[1] * tri[s, 10] + normal[2] * tri[s, 11] > 0.3:
             return True
     return False
 
 
-@kernel
+@inner_kernel
 def flip(
-    tri, corner, ring_start, ring, vertices, slots, faces, start, around, r, height, f, side, mine
-):
+    tri, corner, ring_start, ring, vertices, slots, faces, start, around, r, height, f, side, mine,
+    normal, other,
+):  # fmt: skip
     """Flip the edge of face f that begins at corner `side`, if that may be.
 
     Returns:
@@ -187,7 +187,6 @@ def flip(
     for i in range(neighbours(faces, start, around, c, mine)):
         if mine[i] == d:
             return -1
-    normal = np.zeros(3)
     old = shape_of(vertices, faces[g, 0], faces[g, 1], faces[g, 2], normal)
     if old < height:
         return -1
@@ -202,7 +201,7 @@ def flip(
         # Both new faces must be better than a sliver.
         if not fits(
             tri, corner, ring_start, ring, vertices, slots, x, y, z, r, height, allowed,
-            1e30, normal[0], normal[1], normal[2],
+            1e30, normal[0], normal[1], normal[2], other,
         ):  # fmt: skip
             return -1
     faces[f, 0], faces[f, 1], faces[f, 2] = p, d, c
@@ -211,10 +210,23 @@ def flip(
 
 
 @kernel
-def tidy_faces(tri, corner, ring_start, ring, vertices, slots, faces, start, around, r, height):
+def tidy_faces(
+    tri, corner, ring_start, ring, vertices, slots, faces, tall, start, around, r, height
+):
     """Go through the slivers of a sheet once; faces that vanish are left out.
 
     Around a change nothing else is changed, since the lists of faces no longer hold.
+
+    Args:
+        tri: Triangle rows of S, with `corner`, `ring_start` and `ring`.
+        vertices: Points [mm], (n, 3).
+        slots: A triangle of S next to each vertex, (n,).
+        faces: Vertex indices, changed in place, (m, 3).
+        tall: 1 for faces that are known to be no slivers, changed in place, (m,).
+        start: Where the faces about each vertex begin in `around`, (n + 1,).
+        around: Those faces.
+        r: Depth of the sheet [mm].
+        height: Height below which a face is a sliver [mm].
 
     Returns:
         Number of changes, of slivers that were not looked at for others about them, and of
@@ -222,13 +234,14 @@ def tidy_faces(tri, corner, ring_start, ring, vertices, slots, faces, start, aro
     """
     locked = np.zeros(len(vertices), np.uint8)
     mine, others = np.zeros(2 * MOST_AROUND + 2, np.int64), np.zeros(2 * MOST_AROUND + 2, np.int64)
-    normal = np.zeros(3)
-    side = np.zeros(3)
+    normal, other = np.zeros(3), np.zeros(3)
+    side, new = np.zeros(3), np.zeros(3, np.int64)
     changed, skipped = 0, 0
     for f in range(len(faces)):
-        if faces[f, 0] < 0:
+        if faces[f, 0] < 0 or tall[f]:
             continue
         if shape_of(vertices, faces[f, 0], faces[f, 1], faces[f, 2], normal) >= height:
+            tall[f] = 1
             continue
         if locked[faces[f, 0]] or locked[faces[f, 1]] or locked[faces[f, 2]]:
             skipped += 1
@@ -243,7 +256,7 @@ def tidy_faces(tri, corner, ring_start, ring, vertices, slots, faces, start, aro
                 stays = faces[f, (short + 1 - turn) % 3]
                 if not can_merge(
                     tri, corner, ring_start, ring, vertices, slots, faces, start, around, r,
-                    height, gone, stays, mine, others,
+                    height, gone, stays, mine, others, new, normal, other,
                 ):  # fmt: skip
                     continue
                 for i in range(start[gone], start[gone + 1]):
@@ -253,6 +266,7 @@ def tidy_faces(tri, corner, ring_start, ring, vertices, slots, faces, start, aro
                     if has(faces, g, stays):
                         faces[g, 0] = -1
                         continue
+                    tall[g] = 0
                     for c in range(3):
                         if faces[g, c] == gone:
                             faces[g, c] = stays
@@ -267,9 +281,10 @@ def tidy_faces(tri, corner, ring_start, ring, vertices, slots, faces, start, aro
             continue
         g = flip(
             tri, corner, ring_start, ring, vertices, slots, faces, start, around, r, height, f,
-            long, mine,
+            long, mine, normal, other,
         )  # fmt: skip
         if g >= 0:
+            tall[f] = tall[g] = 0
             for c in range(3):
                 locked[faces[f, c]] = 1
                 locked[faces[g, c]] = 1
@@ -279,6 +294,7 @@ def tidy_faces(tri, corner, ring_start, ring, vertices, slots, faces, start, aro
         if faces[f, 0] >= 0:
             for c in range(3):
                 faces[left, c] = faces[f, c]
+            tall[left] = tall[f]
             left += 1
     return changed, skipped, left
 

@@ -164,10 +164,11 @@ def box_distance2(box, i, x, y, z):
 
 
 @inner_kernel
-def plane_distance(box, i, x, y, z):
-    """Distance from a point to what is between the two planes of box i; 0 between them."""
+def plane_distance2(box, i, x, y, z):
+    """Squared distance from a point to what is between the planes of box i; 0 between them."""
     along = box[i, 6] * x + box[i, 7] * y + box[i, 8] * z
-    return max(box[i, 9] - along, along - box[i, 10], 0.0)
+    off = max(box[i, 9] - along, along - box[i, 10], 0.0)
+    return off * off
 
 
 @inner_kernel
@@ -199,55 +200,59 @@ def nearest(tri, box, x, y, z, hint, bound, stack, lower):
     leaves = (len(box) + 1) // 2
     count = len(tri)
     top = 0
-    stack[0] = 0
-    lower[0] = box_distance2(box, 0, x, y, z)
-    top = 1
-    while top > 0:
-        top -= 1
-        i = stack[top]
-        if lower[top] >= least or plane_distance(box, i, x, y, z) ** 2 >= least:
-            continue
-        if i >= leaves - 1:
+    i = 0
+    reached = 0.0
+    while True:
+        if reached < least and i >= leaves - 1:
             leaf = i - leaves + 1
             for s in range(leaf_start(leaf, leaves, count), leaf_start(leaf + 1, leaves, count)):
                 d2 = measure_below(tri, s, x, y, z, least)
                 if d2 < least:
                     least = d2
                     best = s
-        else:
+        elif reached < least:
+            # Down to the nearer child at once; the other one waits.
             left = 2 * i + 1
-            a = box_distance2(box, left, x, y, z)
-            b = box_distance2(box, left + 1, x, y, z)
-            if a < b:
+            a, b = box_distance2(box, left, x, y, z), box_distance2(box, left + 1, x, y, z)
+            first = a < b
+            a = max(a, plane_distance2(box, left, x, y, z))
+            b = max(b, plane_distance2(box, left + 1, x, y, z))
+            if first:
+                i, reached = left, a
                 if b < least:
-                    stack[top] = left + 1
-                    lower[top] = b
+                    stack[top], lower[top] = left + 1, b
                     top += 1
-                stack[top] = left
-                lower[top] = a
-                top += 1
             else:
+                i, reached = left + 1, b
                 if a < least:
-                    stack[top] = left
-                    lower[top] = a
+                    stack[top], lower[top] = left, a
                     top += 1
-                stack[top] = left + 1
-                lower[top] = b
-                top += 1
-    return best, least
+            continue
+        if top == 0:
+            return best, least
+        top -= 1
+        i, reached = stack[top], lower[top]
 
 
 @kernel
-def nearest_many(tri, box, points, first, last, slot, distance, foot):
-    """Answer the nearest-point query for points[first:last]."""
+def nearest_many(tri, box, points, reach, first, last, slot, distance, foot):
+    """Answer the nearest-point query for points[first:last].
+
+    What is not nearer than a point's reach is left out: slot -1, at an infinite distance.
+    """
     stack = np.zeros(64, np.int64)
     lower = np.zeros(64)
     hint = -1
     for i in range(first, last):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        hint, _ = nearest(tri, box, x, y, z, hint, 1e300, stack, lower)
-        d2, qx, qy, qz = closest(tri, hint, x, y, z)
-        slot[i] = hint
+        bound = min(reach[i] * reach[i], 1e300)
+        s, _ = nearest(tri, box, x, y, z, hint, bound, stack, lower)
+        slot[i] = s
+        if s < 0:
+            distance[i] = np.inf
+            continue
+        hint = s
+        d2, qx, qy, qz = closest(tri, s, x, y, z)
         distance[i] = np.sqrt(d2)
         foot[i, 0] = qx
         foot[i, 1] = qy

@@ -80,8 +80,16 @@ def off_plane(tri, s, x, y, z):
 @inner_kernel
 def measure_below(tri, s, x, y, z, bound):
     """Squared distance of a point from triangle s where it is below a bound, else the bound."""
-    off = off_plane(tri, s, x, y, z)
-    if off * off >= bound:
+    px, py, pz = x - tri[s, 0], y - tri[s, 1], z - tri[s, 2]
+    off = tri[s, 9] * px + tri[s, 10] * py + tri[s, 11] * pz
+    off *= off
+    rest = bound - off
+    if rest <= 0.0:
+        return bound
+    # All of it is in a disc about its first corner.
+    square = max(tri[s, 13], tri[s, 15])
+    beside = px * px + py * py + pz * pz - off - square - rest
+    if beside > 0.0 and beside * beside > 4.000001 * square * rest:
         return bound
     return min(measure(tri, s, x, y, z)[0], bound)
 
@@ -174,33 +182,58 @@ def rings(faces, order, vertex_count):
     return corner, start, ring
 
 
+@inner_kernel(forceinline=True)
+def is_farther(tri, s, x, y, z, qx, qy, qz, least):
+    """Tell at little cost that no point of triangle s is nearer to (x, y, z) than q.
+
+    It is not where its plane is as far away, nor where all of it lies beyond the plane
+    through q across the way to q.
+
+    Args:
+        qx: A point of another triangle.
+        qy: The same.
+        qz: The same.
+        least: Squared distance to q.
+    """
+    gx, gy, gz = x - qx, y - qy, z - qz
+    px, py, pz = tri[s, 0] - qx, tri[s, 1] - qy, tri[s, 2] - qz
+    corner = gx * px + gy * py + gz * pz
+    along = gx * tri[s, 3] + gy * tri[s, 4] + gz * tri[s, 5]
+    other = gx * tri[s, 6] + gy * tri[s, 7] + gz * tri[s, 8]
+    if corner + max(along, other, 0.0) <= 2.5e-13 * least:
+        return True
+    off = off_plane(tri, s, x, y, z)
+    return off * off >= least
+
+
 @inner_kernel
-def walk(tri, corner, ring_start, ring, s, x, y, z):
+def walk(tri, corner, ring_start, ring, s, x, y, z, known=-1):
     """Step from triangle to triangle round the vertex next to the foot, downhill.
+
+    Args:
+        known: Where a walk to this point has ended already, so that this one ends there too.
 
     Returns:
         Slot and squared distance of a local minimum, and the nearest point on it.
     """
     least, u, v = measure(tri, s, x, y, z)
+    qx, qy, qz = foot(tri, s, u, v, x, y, z)
     done = -1
-    while True:
+    while s != known:
         vertex = corner[s, heaviest(u, v)]
         if vertex == done:
             break
         done = vertex
         for j in range(ring_start[vertex], ring_start[vertex + 1]):
             n = ring[j]
-            if n == s:
-                continue
-            off = off_plane(tri, n, x, y, z)
-            if off * off >= least:
+            if n == s or is_farther(tri, n, x, y, z, qx, qy, qz, least):
                 continue
             d2, a, b = measure(tri, n, x, y, z)
             if d2 < least * (1.0 - 1e-12):
                 least = d2
                 s = n
                 u, v = a, b
-    qx, qy, qz = foot(tri, s, u, v, x, y, z)
+                qx, qy, qz = foot(tri, s, u, v, x, y, z)
     return s, least, qx, qy, qz
 
 
@@ -214,11 +247,11 @@ def walk_from(tri, corner, ring_start, ring, sa, sb, sc, x, y, z):
     s, least, _, _, _ = walk(tri, corner, ring_start, ring, sa, x, y, z)
     first, second = s, s
     if sb not in (sa, s):
-        second, d2, _, _, _ = walk(tri, corner, ring_start, ring, sb, x, y, z)
+        second, d2, _, _, _ = walk(tri, corner, ring_start, ring, sb, x, y, z, s)
         if d2 < least:
             s, least = second, d2
     if sc not in (sa, sb, first, second):
-        q, d2, _, _, _ = walk(tri, corner, ring_start, ring, sc, x, y, z)
+        q, d2, _, _, _ = walk(tri, corner, ring_start, ring, sc, x, y, z, s)
         if d2 < least:
             s, least = q, d2
     return s, least

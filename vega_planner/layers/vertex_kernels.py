@@ -6,16 +6,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from vega_planner.compiled import inner_kernel, kernel
+from vega_planner.compiled import inner_kernel
 from vega_planner.layers.tree_kernels import nearest, nearest_or_walk
 from vega_planner.layers.triangle_kernels import (
     SAME_BASIN,
     closest,
     foot,
     heaviest,
+    is_farther,
     measure,
     measure_below,
-    off_plane,
     walk,
 )
 
@@ -51,6 +51,7 @@ def walk_sheet(tri, corner, ring_start, ring, s, x, y, z, gx, gy, gz):
     leave the sheet, and the crease between the two would be lost.
     """
     least, u, v = measure(tri, s, x, y, z)
+    fx, fy, fz = foot(tri, s, u, v, x, y, z)
     done = -1
     while True:
         vertex = corner[s, heaviest(u, v)]
@@ -59,10 +60,7 @@ def walk_sheet(tri, corner, ring_start, ring, s, x, y, z, gx, gy, gz):
         done = vertex
         for j in range(ring_start[vertex], ring_start[vertex + 1]):
             n = ring[j]
-            if n == s:
-                continue
-            off = off_plane(tri, n, x, y, z)
-            if off * off >= least:
+            if n == s or is_farther(tri, n, x, y, z, fx, fy, fz, least):
                 continue
             d2, a, b = measure(tri, n, x, y, z)
             if d2 < least * (1.0 - 1e-12):
@@ -72,8 +70,8 @@ def walk_sheet(tri, corner, ring_start, ring, s, x, y, z, gx, gy, gz):
                     least = d2
                     s = n
                     u, v = a, b
-    qx, qy, qz = foot(tri, s, u, v, x, y, z)
-    return s, least, qx, qy, qz
+                    fx, fy, fz = qx, qy, qz
+    return s, least, fx, fy, fz
 
 
 @inner_kernel
@@ -97,7 +95,7 @@ def walk_wall(tri, corner, ring_start, ring, s, x, y, z):
             return s
 
 
-@kernel
+@inner_kernel
 def place(
     tri,
     corner,
@@ -118,6 +116,10 @@ def place(
     h,
     r,
     v,
+    a,
+    b,
+    step,
+    g,
     stack,
     lower,
 ):
@@ -138,16 +140,16 @@ def place(
         h: Grid spacing.
         r: Distance of the level.
         v: The point, changed in place.
+        a: Scratch, (6,).
+        b: Scratch, (3,).
+        step: Scratch, (3,).
+        g: Scratch, (16, 4).
         stack: Scratch.
         lower: Scratch.
 
     Returns:
         Slot of the nearest triangle of S.
     """
-    a = np.zeros(6)
-    b = np.zeros(3)
-    step = np.zeros(3)
-    g = np.zeros((16, 4))
     start = (v[0], v[1], v[2])
     hint = sheets[0]
     converged = False
@@ -292,7 +294,7 @@ def nearest_about(
         for q in range(3):
             seen[count, q] = gradient[m, q]
         count += 1
-        s, d2, qx, qy, qz = walk(tri, corner, ring_start, ring, s, x, y, z)
+        s, d2, qx, qy, qz = walk(tri, corner, ring_start, ring, s, x, y, z, best)
         if d2 < least:
             best, least = s, d2
             fx, fy, fz = qx, qy, qz
@@ -300,11 +302,14 @@ def nearest_about(
 
 
 @inner_kernel
-def clear_about(tri, corner, ring_start, ring, r, slot, origin, h, corner_step, wide, hint, v):
+def clear_about(
+    tri, corner, ring_start, ring, r, slot, d, gradient, origin, h, corner_step, wide, hint, v
+):
     """Move a vertex away from triangles of the nodes about it that are nearer than r.
 
     Bumps of the surface make local minima where walks stop; of the nodes about one has
-    nearly always got past them.
+    nearly always got past them. A node's triangle is convex: none of it is nearer than the
+    plane through its nearest point across the way there.
 
     Args:
         wide: Whether to ask the 27 nodes about a vertex instead of the 8 of its cell.
@@ -320,8 +325,10 @@ def clear_about(tri, corner, ring_start, ring, r, slot, origin, h, corner_step, 
     last = hint
     for _ in range(6):
         x, y, z = v[0], v[1], v[2]
-        node = int((x - origin[0]) / h + shift) * sx + int((y - origin[1]) / h + shift) * sy
-        node += int((z - origin[2]) / h + shift)
+        a, b = int((x - origin[0]) / h + shift), int((y - origin[1]) / h + shift)
+        c = int((z - origin[2]) / h + shift)
+        node = a * sx + b * sy + c
+        ax, ay, az = x - origin[0] - h * a, y - origin[1] - h * b, z - origin[2] - h * c
         if node + low * (sx + sy + 1) < 0 or node + sx + sy + 1 >= len(slot):
             break
         least = bound * bound
@@ -329,7 +336,12 @@ def clear_about(tri, corner, ring_start, ring, r, slot, origin, h, corner_step, 
         for i in range(low, 2):
             for j in range(low, 2):
                 for k in range(low, 2):
-                    s = np.int64(slot[node + i * sx + j * sy + k])
+                    m = node + i * sx + j * sy + k
+                    along = gradient[m, 0] * (ax - h * i) + gradient[m, 1] * (ay - h * j)
+                    along += gradient[m, 2] * (az - h * k) + d[m]
+                    if (along if d[m] >= 0.0 else -along) > bound + 1e-4:
+                        continue
+                    s = np.int64(slot[m])
                     if s < 0 or s in (before, last):
                         continue
                     before = s
