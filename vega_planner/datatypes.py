@@ -179,7 +179,8 @@ class Part(TriangleGeometry):
     @property
     def bounds(self) -> Floats:
         """Lowest and highest corner of the bounding box [mm], shape (2, 3)."""
-        return np.array([self.vertices.min(0), self.vertices.max(0)])
+        columns = self.vertices.T  # each on its own takes a tenth of the time
+        return np.array([[x.min() for x in columns], [x.max() for x in columns]])
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vega_planner.datatypes import Bools, Floats, Ints, Layer, Part
+from vega_planner.datatypes import Bools, Floats, Layer, Part
 from vega_planner.layers.carry import carried_room
 from vega_planner.layers.contour import Sheet
 from vega_planner.layers.core_sheet import add_core_sheet
@@ -31,10 +31,12 @@ from vega_planner.layers.distance_field import DistanceField, distances_within
 from vega_planner.layers.front import (
     END_RATIO,
     Front,
+    Pieces,
     face_areas,
     face_gaps,
     face_inward,
     face_middles,
+    front_pieces,
     sheet_front,
     spread_room,
     thin_walls,
@@ -42,7 +44,6 @@ from vega_planner.layers.front import (
 from vega_planner.layers.grid import Grid
 from vega_planner.layers.summits import low_pieces
 from vega_planner.parallel import map_threads
-from vega_planner.part.topology import connected_pieces
 
 #: Pieces of a level set up to this width, in t, count as slivers that a grid may lose.
 SLIVER_RATIO = 0.66
@@ -150,16 +151,17 @@ def fill_core(
     """
     sliver = SLIVER_RATIO * t / 2
 
-    def look(k: int) -> tuple[Front, tuple[Floats, Bools], Floats, Ints]:
+    def look(k: int) -> tuple[Front, tuple[Floats, Bools], Floats, Pieces]:
         if k < 0:
             front = thin_walls(part, grid, field, brr, t / 2 + sliver)
         else:
             front = sheet_front(k, sheets[k], grid, field, brr, t, sliver)
-        piece, _ = connected_pieces(len(front.vertices), front.faces)
-        return front, face_gaps(front, t), face_areas(front), piece
+        (gap, opposed), areas = face_gaps(front, t), face_areas(front)
+        pieces = front_pieces(front, gap, opposed, areas, t, sliver, WIDE_RATIO * t)
+        return front, (gap, opposed), areas, pieces
 
     fronts, gaps, areas, pieces = zip(*map_threads(look, range(-1, len(sheets))))
-    moving = _amount(fronts, gaps, areas, t) > TOLERATED_RATIO * part.volume
+    moving = sum(piece.volume for piece in pieces[1:]) > TOLERATED_RATIO * part.volume
     rooms = [np.full(len(sheet.vertices), t) for sheet in sheets]
     kept = [np.ones(len(sheet.faces), bool) for sheet in sheets]
     cores: list[Layer] = []
@@ -301,7 +303,7 @@ def _leaving(
     fronts: Sequence[Front],
     gaps: Sequence[tuple[Floats, Bools]],
     all_areas: Sequence[Floats],
-    pieces: Sequence[Ints],
+    pieces: Sequence[Pieces],
     t: float,
     sliver: float,
     budget: float,
@@ -319,7 +321,7 @@ def _leaving(
         fronts: The sheets with their rooms.
         gaps: Gap behind each of their faces.
         all_areas: Areas of their faces [mm²].
-        pieces: The connected piece each face belongs to.
+        pieces: Their connected pieces.
         t: Layer thickness [mm].
         sliver: Half the width of a sliver [mm].
         budget: Volume left open or laid twice [mm³].
@@ -339,13 +341,10 @@ def _leaving(
     deeper = False
     for k in reversed(range(len(fronts))):
         front, (gap, _) = fronts[k], gaps[k]
-        own = gap < t / 2
-        piece, areas = pieces[k], all_areas[k]
-        total = np.bincount(piece, areas)
+        piece, areas = pieces[k].piece, all_areas[k]
+        total, thinly = pieces[k].areas, pieces[k].thin
         count = len(total)
-        leaves = np.bincount(piece, areas * own, count) > MOVING_SHARE * total
-        thin = own & (gap + t < t / 2 + sliver)
-        thinly = np.bincount(piece, areas * thin, count)
+        leaves = pieces[k].ending > MOVING_SHARE * total
         narrow = leaves & (thinly > SLIVER_SHARE * total)
         narrow &= total - thinly <= BESIDE_RATIO * t * t
         small = np.flatnonzero((total < SMALL_RATIO * t * t) & ~narrow)
@@ -358,7 +357,8 @@ def _leaving(
         leaves = narrow | (leaves & moving)
         candidates = np.flatnonzero(leaves & ~narrow)
         if deeper and leaves.all() and len(candidates):
-            harm = np.bincount(piece, areas * np.where(own, np.abs(gap), 0.0) / 2, count)
+            lost = np.where(gap < t / 2, np.abs(gap), 0.0) / 2
+            harm = np.bincount(piece, areas * lost, count)
             least = candidates[np.argmin(harm[candidates])]
             lasting.append((float(harm[least]), k, int(least)))
         deeper = deeper or not leaves.all()
@@ -372,30 +372,14 @@ def _leaving(
     begun = False
     for k, (gap, _) in enumerate(gaps):
         if begun:
-            ends = np.bincount(pieces[k], gap < t / 2, len(moves[k])) > 0
+            ends = np.bincount(pieces[k].piece, gap < t / 2, len(moves[k])) > 0
             moves[k] |= ends & ~slivers[k]
         begun = begun or bool(len(moves[k]) and (moves[k] | slivers[k]).all())
-    leaving = [(move[piece], thin[piece]) for move, thin, piece in zip(moves, slivers, pieces)]
+    leaving = [
+        (move[every.piece], thin[every.piece]) for move, thin, every in zip(moves, slivers, pieces)
+    ]
     if leaving:
         gap, (moved, anew) = gaps[0][0], leaving[0]
         walled = moved & (gap < t / 2) & (gap + t < MIDDLE_RATIO * t)
         leaving[0] = moved & ~walled, anew | walled
     return leaving
-
-
-def _amount(
-    fronts: Sequence[Front],
-    gaps: Sequence[tuple[Floats, Bools]],
-    all_areas: Sequence[Floats],
-    t: float,
-) -> float:
-    """Estimate the volume left open or laid twice if no sheet moves [mm³]."""
-    total = 0.0
-    for front, (gap, opposed), areas in zip(fronts, gaps, all_areas):
-        if front.level < 0 or len(front.faces) == 0:
-            continue
-        filled = opposed & (gap >= WIDE_RATIO * t)
-        off = np.where(filled, np.maximum(t / 4 - gap, 0.0), np.abs(gap)) / 2
-        off = np.where(gap < t / 2, off, 0.0)
-        total += float((areas * off).sum())
-    return total

@@ -223,6 +223,39 @@ def measure_areas(vertices, faces, areas):
 
 
 @kernel
+def weigh_pieces(piece, areas, gap, opposed, t, sliver, wide, weights):
+    """Add up the faces of each connected piece of a front.
+
+    Args:
+        piece: The piece each face belongs to, (m,).
+        areas: Areas of the faces [mm²], (m,).
+        gap: Gap behind each of them [mm], (m,).
+        opposed: Whether fronts meet there, (m,).
+        t: Layer thickness [mm].
+        sliver: Half the width of a sliver [mm].
+        wide: Half width of gaps from which they get a sheet of their own [mm].
+        weights: Result, 0 at first: area of each piece, of its faces behind which there is
+            no room of t, and of those that are slivers [mm²], (3, pieces).
+
+    Returns:
+        Volume left open or laid twice if no piece moves [mm³].
+    """
+    volume = 0.0
+    for f in range(len(piece)):
+        weights[0, piece[f]] += areas[f]
+        if gap[f] >= 0.5 * t:
+            continue
+        weights[1, piece[f]] += areas[f]
+        if gap[f] + t < 0.5 * t + sliver:
+            weights[2, piece[f]] += areas[f]
+        off = abs(gap[f])
+        if opposed[f] and gap[f] >= wide:
+            off = max(0.25 * t - gap[f], 0.0)
+        volume += 0.5 * off * areas[f]
+    return volume
+
+
+@kernel
 def average_rooms(faces, room, opposed, first, gap, meets):
     """Average the room over the corners of each face where it ends, less `first`."""
     for f in range(len(faces)):

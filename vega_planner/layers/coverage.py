@@ -63,7 +63,7 @@ def spread_samples(part: Part, count: int = SAMPLES) -> Samples:
     """Spread about so many points over a part, to be asked which layers cover them."""
     spacing = (part.volume / count) ** (1 / 3)
     turned = np.ascontiguousarray(part.vertices @ AXES)
-    low, high = turned.min(0), turned.max(0)
+    low, high = (np.array([end(x) for x in turned.T]) for end in (np.min, np.max))
     across, along, up = (int(n) for n in np.ceil((high - low) / spacing) + 2)
     shape = (across, along, up)
     origin = low - 0.37 * spacing
@@ -91,16 +91,14 @@ def measure_coverage(
     nodes = samples.nodes if before is None else before.open_nodes
     row = np.full(samples.shape, -1, np.int32)
     row.flat[nodes] = np.arange(len(nodes), dtype=np.int32)
-    before_corner = np.zeros([n + 1 for n in samples.shape], np.int32)
-    before_corner[1:, 1:, 1:] = row >= 0
-    for axis in range(3):
-        np.cumsum(before_corner, axis=axis, out=before_corner)
+    empty = np.full([n + 1 for n in samples.shape], kernels.EMPTY, np.uint8)
+    kernels.measure_empty(row, empty)
     covered = np.zeros(len(nodes), np.uint8)
 
     def cover(sheet: Layer) -> float:
         material: float = kernels.cover(
             sheet.vertices, AXES, sheet.faces, sheet.thickness, samples.origin, samples.spacing,
-            row, before_corner, covered,
+            row, empty, covered,
         )  # fmt: skip
         return material
 

@@ -17,7 +17,7 @@ from vega_planner.layers.distance_field import DistanceField
 from vega_planner.layers.filling import Filling, fill, grown
 from vega_planner.layers.folds import folded_ears
 from vega_planner.layers.geodesic import Sources, bend_distances, is_convex_at_region
-from vega_planner.layers.grid import finish, sample_part
+from vega_planner.layers.grid import finish, inside_nodes, sample_nodes, sample_part
 from vega_planner.layers.refine import refine_sheet
 from vega_planner.layers.settle import settle_sheet
 from vega_planner.layers.summits import with_summits
@@ -93,11 +93,18 @@ def field_layers(part: Part, settings: LayerSettings, report: Report) -> LayerSt
     if part.restrained.all():
         raise BadRestraint("the restraint region is the whole surface; nothing is enveloped")
     t = settings.thickness_mm
-    field = DistanceField.of_part(part)
-    brr = None
-    if part.restrained.any():
-        brr = DistanceField(part.vertices, part.faces[part.restrained])
-    grid = sample_part(part, field, grid_spacing(part, t), report)
+    spacing = grid_spacing(part, t)
+
+    def look_about() -> Any:
+        """Do what needs no distances, and a single thread, while their tree is made."""
+        brr = None
+        if part.restrained.any():
+            brr = DistanceField(part.vertices, part.faces[part.restrained])
+        return brr, inside_nodes(part, spacing), spread_samples(part)
+
+    begun: list[Any] = [partial(DistanceField.of_part, part), look_about]
+    field, (brr, (state, origin, shape), samples) = map_threads(lambda work: work(), begun)
+    grid = sample_nodes(state, origin, spacing, shape, field, report)
     gaps = grid.gap_share > GAP_SHARE
     if gaps and grid_spacing(part, t, gaps) < grid.spacing:
         grid = sample_part(part, field, grid_spacing(part, t, gaps), report)
@@ -121,9 +128,7 @@ def field_layers(part: Part, settings: LayerSettings, report: Report) -> LayerSt
         sheet = refine_sheet(sheet, grid, sources, brr)
         return tidy_sheet(settle_sheet(sheet, field, brr) if settle else sheet, sources, t)
 
-    # Samples need but one thread, which sheets keep the other ones from waiting for.
-    works: list[Any] = [partial(spread_samples, part), *(partial(refined, s) for s in sheets)]
-    samples, *sheets = map_threads(lambda work: work(), works)
+    sheets = map_threads(refined, sheets)
     straight = len(sources.box) > 0
 
     def filled(carried: bool) -> Filling:

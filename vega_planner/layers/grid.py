@@ -129,13 +129,27 @@ def sample_part(
     Returns:
         The grid, its distances unsigned and without levels; see `finish`.
     """
+    state, origin, shape = inside_nodes(part, h)
+    return sample_nodes(state, origin, h, shape, field, report)
+
+
+def inside_nodes(part: Part, h: float) -> tuple[np.ndarray, Floats, tuple[int, int, int]]:
+    """Lay a grid about a part, and mark the nodes inside.
+
+    Args:
+        part: The part.
+        h: Spacing [mm].
+
+    Returns:
+        `INSIDE` or `NONE` for each node, flat; the position of node (0, 0, 0) [mm], and how
+        many nodes there are along each axis.
+    """
     low, high = part.bounds
     # Odd offsets keep nodes off the planes that parts are made of.
     origin = low - np.array([2.3717, 2.4143, 2.2831]) * h
     nx, ny, nz = (int(n) for n in np.ceil((high - origin) / h) + 3)
     shape = (nx, ny, nz)
-    state = inside_states(part.vertices, part.faces, origin, h, shape)
-    return sample_nodes(state, origin, h, shape, field, report)
+    return inside_states(part.vertices, part.faces, origin, h, shape), origin, shape
 
 
 def sample_nodes(

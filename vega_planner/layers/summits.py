@@ -11,10 +11,12 @@ from __future__ import annotations
 import numpy as np
 
 from vega_planner.datatypes import Floats, Ints
+from vega_planner.layers import summit_kernels as kernels
 from vega_planner.layers.contour import Sheet
 from vega_planner.layers.distance_field import DistanceField
 from vega_planner.layers.grid import Grid
 from vega_planner.layers.grid_kernels import INSIDE
+from vega_planner.parallel import map_threads
 from vega_planner.part.topology import connected_pieces
 
 #: Summits that are climbed; the deepest are the ones that matter.
@@ -80,28 +82,16 @@ def _summit_nodes(grid: Grid, t: float, least: float) -> tuple[Ints, Ints]:
         The nodes, and the level of each: the next one, or the one that it alone has passed.
     """
     _, ny, nz = grid.shape
-    d = grid.distance
-    inside = np.flatnonzero(grid.state == INSIDE)
-    level = grid.level[inside]
-    unseen = (level + 0.5) * t + least - d[inside] < np.sqrt(0.75) * grid.spacing
-    past = d[inside] - (level - 0.5) * t
-    nodes = inside[unseen | ((past < np.sqrt(3.0) * grid.spacing) & (level > 0))]
-    near = (-1, 0, 1)
-    steps = [(i * ny + j) * nz + k for i in near for j in near for k in near]
-    for step in sorted(steps, key=abs):
-        other = nodes + step
-        nodes = nodes[~((d[other] > d[nodes]) & (grid.state[other] == INSIDE))]
-    level = grid.level[nodes].astype(np.int64)
-    alone = level > 0
-    for step in steps:
-        if step != 0:
-            alone &= (grid.level[nodes + step] < level) | (grid.state[nodes + step] != INSIDE)
-    level = np.where(alone, level - 1, level)
-    nodes, level = (
-        values[(level + 0.5) * t + least - d[nodes] < np.sqrt(0.75) * grid.spacing]
-        for values in (nodes, level)
+    marks = np.zeros(len(grid.state), np.uint8)
+    map_threads(
+        lambda s: kernels.mark_summits(
+            grid.state, grid.distance, grid.level, grid.spacing, ny, nz, *s, t, least, marks
+        ),
+        grid.slabs(),
     )
-    order = np.argsort(-d[nodes], kind="stable")
+    nodes = np.flatnonzero(marks)
+    level = grid.level[nodes].astype(np.int64) - (marks[nodes] == kernels.ALONE)
+    order = np.argsort(-grid.distance[nodes], kind="stable")
     chosen: list[int] = []
     kept = np.zeros((0, 3))
     for row, place in zip(order, grid.points(nodes[order])):
