@@ -144,7 +144,7 @@ def field_layers(part: Part, settings: LayerSettings, report: Report) -> LayerSt
         ways = [filling, filled(carried=False)]
         filling = min(ways, key=lambda way: way.rank)
         if filling.missed:
-            ways = [filling, *(grown(part, way, t) for way in ways)]
+            ways = [filling, *(grown(part, samples, way, t) for way in ways)]
             filling = min(ways, key=lambda way: way.rank)
     if filling.uncovered > OPEN_RATIO:
         warnings += (f"{filling.uncovered:.1%} of the volume is covered by no layer",)
