@@ -20,6 +20,8 @@ from vega_planner.layers.triangle_kernels import closest, measure, walk
 from vega_planner.layers.vertex_kernels import (
     SAME_SHEET,
     clear_about,
+    keep_inside,
+    meet_rim,
     place,
     settle_about,
     settle_rim,
@@ -224,6 +226,7 @@ def make_vertices(
     normals = np.zeros((24, 3))
     limits = np.zeros(24)
     v = np.zeros(3)
+    start = np.zeros(3)
     virtual = np.zeros((12, 3))
     seen = np.zeros((9, 3))
     for i in range(first, last):
@@ -323,6 +326,7 @@ def make_vertices(
                         v[0] /= total
                         v[1] /= total
                         v[2] /= total
+                        start[0], start[1], start[2] = v[0], v[1], v[2]
                         hint = sheets[0]
                         fx, fy, fz = 0.0, 0.0, 0.0
                         know_foot = False
@@ -395,11 +399,23 @@ def make_vertices(
                                     tri, corner, ring_start, ring, box, brr_tri, brr_box, h, r,
                                     hint, v, stack, lower,
                                 )  # fmt: skip
+                                hint = meet_rim(
+                                    tri, corner, ring_start, ring, box, brr_tri, brr_box, sheets,
+                                    normals, kinds, h, r, hint, v, start, stack, lower,
+                                )  # fmt: skip
                             else:
                                 hint = settle_about(
                                     tri, corner, ring_start, ring, r, slot, d, gradient, origin,
                                     h, corner_step, hint, v, seen,
                                 )  # fmt: skip
+                        if len(leave) > 1 and beyond == 0:
+                            x, y, z = v[0], v[1], v[2]
+                            hint = keep_inside(
+                                tri, corner, ring_start, ring, box, brr_tri, brr_box, h, r, state,
+                                slot, d, gradient, origin, corner_step, hint, v, start, stack,
+                                lower, seen,
+                            )  # fmt: skip
+                            know_foot = know_foot and x == v[0] and y == v[1] and z == v[2]
                         # Across a slot the nodes about a vertex may know a straight way only.
                         if beyond == 0 and len(box) > 0:
                             before = hint
@@ -414,6 +430,19 @@ def make_vertices(
                         vertex_slot[vertex] = hint
                         if not know_foot:
                             _, fx, fy, fz = closest(tri, hint, v[0], v[1], v[2])
+                        out = (v[0] - fx) * tri[hint, 9] + (v[1] - fy) * tri[hint, 10]
+                        out += (v[2] - fz) * tri[hint, 11]
+                        if out > 0.9 * r and beyond == 0:
+                            # A crease beyond S, of the same distances.
+                            v[0], v[1], v[2] = start[0], start[1], start[2]
+                            hint = settle_about(
+                                tri, corner, ring_start, ring, r, slot, d, gradient, origin, h,
+                                corner_step, sheets[0], v, seen,
+                            )  # fmt: skip
+                            _, fx, fy, fz = closest(tri, hint, v[0], v[1], v[2])
+                            for q in range(3):
+                                position[vertex, q] = v[q]
+                            vertex_slot[vertex] = hint
                         e2 = (v[0] - fx) ** 2 + (v[1] - fy) ** 2 + (v[2] - fz) ** 2
                         e2 = max(np.sqrt(e2), 1e-12)
                         inward[vertex, 0] = (v[0] - fx) / e2
