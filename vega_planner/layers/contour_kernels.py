@@ -241,6 +241,13 @@ def make_vertices(
                     q = level[n + corner_step[c]]
                     low = min(low, q)
                     high = max(high, q)
+                near_region = False
+                if len(leave) > 1:
+                    for c in range(8):
+                        m = n + corner_step[c]
+                        if state[m] != INSIDE and not d[m] <= 0.0:
+                            near_region = True
+                            break
                 vertex = base[n]
                 for lev in range(low, high):
                     r = r0 + t * lev
@@ -399,16 +406,18 @@ def make_vertices(
                                     tri, corner, ring_start, ring, box, brr_tri, brr_box, h, r,
                                     hint, v, stack, lower,
                                 )  # fmt: skip
-                                hint = meet_rim(
-                                    tri, corner, ring_start, ring, box, brr_tri, brr_box, sheets,
-                                    normals, kinds, h, r, hint, v, start, stack, lower,
-                                )  # fmt: skip
+                                if len(box) > 0:
+                                    hint = meet_rim(
+                                        tri, corner, ring_start, ring, box, brr_tri, brr_box,
+                                        sheets, normals, kinds, h, r, hint, v, start, stack,
+                                        lower,
+                                    )  # fmt: skip
                             else:
                                 hint = settle_about(
                                     tri, corner, ring_start, ring, r, slot, d, gradient, origin,
                                     h, corner_step, hint, v, seen,
                                 )  # fmt: skip
-                        if len(leave) > 1 and beyond == 0:
+                        if near_region and beyond == 0:
                             x, y, z = v[0], v[1], v[2]
                             hint = keep_inside(
                                 tri, corner, ring_start, ring, box, brr_tri, brr_box, h, r, state,

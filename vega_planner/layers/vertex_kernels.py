@@ -412,7 +412,7 @@ def settle_rim(
     return s
 
 
-@inner_kernel
+@kernel
 def meet_rim(
     tri, corner, ring_start, ring, box, brr_tri, brr_box, sheets, normals, sheet_count, h, r,
     hint, v, start, stack, lower,
@@ -467,7 +467,7 @@ def meet_rim(
     return s
 
 
-@inner_kernel
+@kernel
 def keep_inside(
     tri, corner, ring_start, ring, box, brr_tri, brr_box, h, r, state, slot, d, gradient, origin,
     corner_step, hint, v, start, stack, lower, seen,
