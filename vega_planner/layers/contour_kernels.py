@@ -417,14 +417,6 @@ def make_vertices(
                                     tri, corner, ring_start, ring, r, slot, d, gradient, origin,
                                     h, corner_step, hint, v, seen,
                                 )  # fmt: skip
-                        if near_region and beyond == 0:
-                            x, y, z = v[0], v[1], v[2]
-                            hint = keep_inside(
-                                tri, corner, ring_start, ring, box, brr_tri, brr_box, h, r, state,
-                                slot, d, gradient, origin, corner_step, hint, v, start, stack,
-                                lower, seen,
-                            )  # fmt: skip
-                            know_foot = know_foot and x == v[0] and y == v[1] and z == v[2]
                         # Across a slot the nodes about a vertex may know a straight way only.
                         if beyond == 0 and len(box) > 0:
                             before = hint
@@ -433,6 +425,14 @@ def make_vertices(
                                 not know_foot, hint, v,
                             )  # fmt: skip
                             know_foot = know_foot and hint == before
+                        if beyond == 0 and (near_region or (kinds > 1 and len(leave) > 1)):
+                            x, y, z = v[0], v[1], v[2]
+                            hint = keep_inside(
+                                tri, corner, ring_start, ring, box, brr_tri, brr_box, h, r, state,
+                                slot, d, gradient, origin, corner_step, hint, v, start, stack,
+                                lower, seen,
+                            )  # fmt: skip
+                            know_foot = know_foot and x == v[0] and y == v[1] and z == v[2]
                         position[vertex, 0] = v[0]
                         position[vertex, 1] = v[1]
                         position[vertex, 2] = v[2]

@@ -8,7 +8,7 @@ import numpy as np
 
 from vega_planner.compiled import inner_kernel, kernel
 from vega_planner.layers.grid_kernels import INSIDE
-from vega_planner.layers.tree_kernels import nearest, nearest_or_walk
+from vega_planner.layers.tree_kernels import first_hit, nearest, nearest_or_walk
 from vega_planner.layers.triangle_kernels import (
     SAME_BASIN,
     closest,
@@ -505,9 +505,15 @@ def keep_inside(
         out = (v[0] - x) * brr_tri[q, 9] + (v[1] - y) * brr_tri[q, 10]
         out += (v[2] - z) * brr_tri[q, 11]
         away = np.sqrt((v[0] - x) ** 2 + (v[1] - y) ** 2 + (v[2] - z) ** 2)
-        # Beside the region it is not known to be out.
-        if out < max(0.9 * away, 1e-6):
+        if out < 1e-6:
             return s
+        if out < 0.9 * away:
+            # Beside the region it is out only if it went through it.
+            q, _ = first_hit(
+                brr_tri, brr_box, start[0], start[1], start[2], v[0], v[1], v[2], stack
+            )  # fmt: skip
+            if q < 0:
+                return s
         if attempt == 0:
             s = settle_rim(
                 tri, corner, ring_start, ring, box, brr_tri, brr_box, h, r, s, v, stack, lower
