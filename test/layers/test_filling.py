@@ -27,12 +27,22 @@ def box_cup(wall: float) -> Solid:
     return Solid.cube((20, 14, 10)) - inside
 
 
+def angle(wall: float) -> Solid:
+    return Solid.cube((20, 15, wall)) + Solid.cube((wall, 15, 20))
+
+
+def tee(wall: float) -> Solid:
+    return Solid.cube((20, 15, wall)) + Solid.cube((wall, 15, 18)).translate((8, 0, 0))
+
+
 @pytest.mark.parametrize("restrain", [base, None], ids=["on its base", "all round"])
 @pytest.mark.parametrize(
     ("vessel", "wall"),
-    [(cup, 0.6), (cup, 0.8), (cup, 1.0), (cup, 2.5), (cup, 3.0), (box_cup, 0.8)],
+    [(cup, wall) for wall in (0.6, 0.8, 1.0, 1.2, 2.0, 2.5, 3.0)]
+    + [(box_cup, wall) for wall in (0.8, 1.0, 1.2, 1.5, 2.0, 2.5)]
+    + [(angle, 1.2), (angle, 2.5), (tee, 1.2), (tee, 2.0)],
 )
-def test_a_vessel_with_thin_walls_is_filled_and_no_wall_is_laid_twice(vessel, wall, restrain):
+def test_a_part_with_thin_walls_is_filled_and_no_wall_is_laid_twice(vessel, wall, restrain):
     stack = generate_layers(part_of(vessel(wall), restrain), SETTINGS)
     assert stack.uncovered_ratio <= 0.005
     assert stack.overfill_ratio <= 0.02

@@ -24,10 +24,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from vega_planner.datatypes import Bools, Floats, Ints, Layer, Part
+from vega_planner.layers.carry import carried_room
 from vega_planner.layers.contour import Sheet
 from vega_planner.layers.core_sheet import add_core_sheet
 from vega_planner.layers.distance_field import DistanceField, distances_within
 from vega_planner.layers.front import (
+    END_RATIO,
     Front,
     face_areas,
     face_gaps,
@@ -140,7 +142,8 @@ def fill_core(
         t: Layer thickness [mm].
         staying_ratio: Share of the volume that pieces may leave open or lay twice that
             stay only because a deeper level does.
-        carried: Whether pieces that move take the room beside where it was measured.
+        carried: Whether pieces that move take the room beside where it was measured, and
+            those of the first level carry it round corners.
 
     Returns:
         The sheets of the core, and what changes of the envelope sheets.
@@ -189,7 +192,11 @@ def fill_core(
             continue
         spread = np.minimum(spread_room(front), front.aside)
         room = spread if carried else np.minimum(front.room, front.aside)
-        last[k] = add_core_sheet(cores, field, front, moved, room, k * t, False, t)
+        ends = END_RATIO
+        if carried and k == 0:
+            room = carried_room(front, moved, room, field, sheets[k + 1 : k + 2], t)
+            ends = 1.0
+        last[k] = add_core_sheet(cores, field, front, moved, room, k * t, False, t, ends)
         own &= kept[k]
         wide = own & opposed & (gap >= WIDE_RATIO * t)
         add_core_sheet(cores, field, front, wide, spread, (k + 1) * t, True, t)
@@ -200,6 +207,9 @@ def fill_core(
         k = front.level + 1
         following = (gap >= t / 2) & (gap < t / 2 + sliver)
         following &= (gap >= MIDDLE_RATIO * t) | (k > 0)
+        for wall in thin if k == 0 else ():
+            if wall is not None and following.any():
+                following &= ~_filled(front, following, spread_room(front), wall, t)
         if not following.any():
             continue
         if k < len(sheets):
@@ -236,7 +246,7 @@ def _leave_out(front: Front, chosen: Bools, sheet: Sheet, stays: Bools, t: float
 
 
 def _filled(front: Front, chosen: Bools, room: Floats, wall: Layer, t: float) -> Bools:
-    """Find the chosen faces of the first level whose own thickness a wall's sheet fills."""
+    """Find the chosen faces of a front whose room a thin wall's sheet fills."""
     rows = np.flatnonzero(chosen)
     corners = front.faces[rows]
     free = np.where(room < 1.5 * t, room, t)[corners].mean(1)[:, None]

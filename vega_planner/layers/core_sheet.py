@@ -23,6 +23,7 @@ def add_core_sheet(
     start: float,
     middle: bool,
     t: float,
+    end_ratio: float = END_RATIO,
 ) -> Layer | None:
     """Make a sheet of the core from chosen faces of a front.
 
@@ -38,6 +39,7 @@ def add_core_sheet(
         start: Depth from which it is filled [mm].
         middle: Whether both sides of a room are filled by this sheet.
         t: Layer thickness [mm].
+        end_ratio: How far from S it stays where no room was measured, in its depth.
 
     Returns:
         The sheet; None where nothing is left of it.
@@ -54,7 +56,7 @@ def add_core_sheet(
     depth = room[used] if middle else start + free / 2
     points = front.feet[used] + depth[:, None] * front.inward[used]
     unsure = np.flatnonzero(~front.measured[used])
-    ends = start + END_RATIO * (depth[unsure] - start)
+    ends = start + end_ratio * (depth[unsure] - start)
     for _ in range(3):
         found = field.nearest(points[unsure])
         away = (points[unsure] - found.points) / np.maximum(found.distances, 1e-9)[:, None]

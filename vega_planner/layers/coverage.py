@@ -37,6 +37,11 @@ class Samples:
     shape: tuple[int, int, int]
     nodes: Ints
 
+    def points(self, nodes: Ints) -> Floats:
+        """Give the places of points [mm], shape (k, 3)."""
+        steps = np.column_stack(np.unravel_index(nodes, self.shape))
+        return np.asarray((self.origin + self.spacing * steps) @ AXES.T)
+
 
 @dataclass(frozen=True, eq=False)
 class Coverage:
@@ -54,9 +59,9 @@ class Coverage:
     open_nodes: Ints
 
 
-def spread_samples(part: Part) -> Samples:
-    """Spread points over a part, to be asked which layers cover them."""
-    spacing = (part.volume / SAMPLES) ** (1 / 3)
+def spread_samples(part: Part, count: int = SAMPLES) -> Samples:
+    """Spread about so many points over a part, to be asked which layers cover them."""
+    spacing = (part.volume / count) ** (1 / 3)
     turned = np.ascontiguousarray(part.vertices @ AXES)
     low, high = turned.min(0), turned.max(0)
     across, along, up = (int(n) for n in np.ceil((high - low) / spacing) + 2)

@@ -13,7 +13,7 @@ from vega_planner.errors import BadRestraint, NoLayers
 from vega_planner.layers.contour import Sheet, contour_levels
 from vega_planner.layers.core import SLIVER_RATIO, Core, fill_core, leant
 from vega_planner.layers.distance_field import DistanceField
-from vega_planner.layers.filling import Filling, fill
+from vega_planner.layers.filling import Filling, fill, grown
 from vega_planner.layers.folds import folded_ears
 from vega_planner.layers.geodesic import Sources, bend_distances, is_convex_at_region
 from vega_planner.layers.grid import finish, sample_part
@@ -116,7 +116,7 @@ def field_layers(part: Part, settings: LayerSettings, report: Report) -> LayerSt
         best = min(
             best,
             _sampled(part, settings, field, brr, spacing, report),
-            key=lambda way: (way.missed + way.filling.missed, way.off_share),
+            key=lambda way: (way.missed + (way.filling.missed > 0), way.off_share),
         )
     filling, warnings = best.filling, best.warnings
     if filling.uncovered > OPEN_RATIO:
@@ -210,7 +210,11 @@ def _sampled(
 
     filling = filled(carried=True)
     if settings.fill_core and filling.missed:
-        filling = min(filling, filled(carried=False), key=lambda way: way.rank)
+        ways = [filling, filled(carried=False)]
+        filling = min(ways, key=lambda way: way.rank)
+        if filling.missed:
+            ways = [filling, *(grown(part, way, t) for way in ways)]
+            filling = min(ways, key=lambda way: way.rank)
     off_share, missed = 0.0, 0
     if _node_count(part, FINER * grid.spacing) <= FINER_NODES:
         off_share, missed = _depth_misses(filling, field, straight)

@@ -2,7 +2,8 @@
 """How well the sheets fill a part, and what is done about the places they leave open.
 
 Where much stays open, sharp edges are mitred, last layers whose room is not t lean towards
-laying twice, and at last all sheets are a little thicker, as far as their facets are off.
+laying twice, and all sheets are a little thicker, as far as their facets are off. At last
+sheets grow towards the pockets that are left.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from vega_planner.datatypes import Layer, Part
 from vega_planner.layers.core import LEAN, Core
 from vega_planner.layers.coverage import Coverage, measure_coverage, spread_samples
 from vega_planner.layers.distance_field import DistanceField
+from vega_planner.layers.growth import Gaps
 from vega_planner.layers.mitre import Strips, find_strips
 from vega_planner.parallel import map_threads
 
@@ -35,6 +37,16 @@ EARLY_GAIN = 1.3
 #: The farthest that last layers lean.
 MOST_LEAN = 0.9
 
+#: How much material covering an open volume is worth, step by step, while sheets grow.
+GROWTH_WEIGHTS = (1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0)
+
+#: Spacing of the points that sheets grow towards, in t; how many are affordable where
+#: both aims may be met, and where the one for what is laid twice is missed.
+GROWTH_RATIO, MOST_SAMPLES, FEW_SAMPLES = 1 / 5, 2e6, 5e5
+
+#: Material laid twice for each volume that sheets grow to cover, at least.
+LEAST_COST = 0.3
+
 
 @dataclass(frozen=True, eq=False)
 class Filling:
@@ -44,11 +56,18 @@ class Filling:
         layers: The envelope layers, outermost first.
         cores: The sheets of the core.
         coverage: What they cover.
+        even: The same before last layers leant any farther, or None where this is it.
     """
 
     layers: tuple[Layer, ...]
     cores: tuple[Layer, ...]
     coverage: Coverage
+    even: Filling | None = None
+
+    @property
+    def sheets(self) -> tuple[Layer, ...]:
+        """All sheets, cores last."""
+        return (*self.layers, *self.cores)
 
     @property
     def uncovered(self) -> float:
@@ -66,13 +85,14 @@ class Filling:
         return OPEN_WEIGHT * self.uncovered + self.overfill
 
     @property
-    def missed(self) -> int:
-        """How many aims are missed."""
-        return int(self.uncovered > OPEN_AIM) + int(self.overfill > FULL_AIM)
+    def missed(self) -> float:
+        """How far the aims are missed, weighed as `harm` is."""
+        open_volume = max(self.uncovered - OPEN_AIM, 0.0)
+        return OPEN_WEIGHT * open_volume + max(self.overfill - FULL_AIM, 0.0)
 
     @property
-    def rank(self) -> tuple[int, float]:
-        """How many aims are missed, then the harm; less is better."""
+    def rank(self) -> tuple[float, float]:
+        """How far the aims are missed, then the harm; less is better."""
         return self.missed, self.harm
 
 
@@ -148,7 +168,36 @@ def fill(
     if best.uncovered > OPEN_AIM:
         thicker = filling(core, lean, strips, best, FACETS_MM)
         best = min(best, thicker, key=lambda way: way.rank)
-    return best
+    return replace(best, even=ways[LEAN])
+
+
+def grown(part: Part, way: Filling, t: float) -> Filling:
+    """Let sheets grow towards what they leave open, until little enough is.
+
+    Args:
+        part: The part.
+        way: The sheets.
+        t: Layer thickness [mm].
+
+    Returns:
+        The sheets, thicker where it pays; unchanged where too much would be laid twice.
+    """
+    way = way.even or way
+    least = way.overfill + LEAST_COST * max(way.uncovered - OPEN_AIM, 0.0)
+    count = part.volume / (GROWTH_RATIO * t) ** 3
+    if count > (MOST_SAMPLES if least < FULL_AIM else FEW_SAMPLES):
+        return way
+    samples, fine = spread_samples(part), spread_samples(part, int(count))
+    open_nodes = measure_coverage(part, fine, way.sheets).open_nodes
+    gaps = Gaps.between(way.sheets, fine.points(open_nodes), fine.spacing**3, t)
+    for weight in GROWTH_WEIGHTS:
+        if way.uncovered < OPEN_AIM:
+            break
+        sheets = gaps.filled(way.sheets, weight, t)
+        coverage = measure_coverage(part, samples, sheets, way.coverage)
+        first = len(way.layers)
+        way = Filling(sheets[:first], sheets[first:], coverage)
+    return way
 
 
 def allow_for_facets(sheet: Layer, allowance: float) -> Layer:
