@@ -271,6 +271,11 @@ def _filled(front: Front, chosen: Bools, room: Floats, wall: Layer, t: float) ->
     for share in FILLED_AT:
         near = tree.nearest(feet + share * free * inward)
         filled[rows] &= near.distances <= half[near.faces] + NEARLY * t
+    rest = np.flatnonzero(chosen & ~filled)
+    if len(rest):
+        # Bits smaller than a bead is wide are no sheet of their own.
+        piece, _ = connected_pieces(len(front.vertices), front.faces[rest])
+        filled[rest[np.bincount(piece, face_areas(front)[rest])[piece] < t * t]] = True
     return filled
 
 
