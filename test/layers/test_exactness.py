@@ -39,6 +39,10 @@ def tray(wall: float) -> Solid:
     return Solid.cube((20, 14, 9)) - hollow
 
 
+def angle() -> Solid:
+    return Solid.cube((24, 16, 6)) + Solid.cube((6, 16, 22))
+
+
 def depths(stack) -> tuple[np.ndarray, np.ndarray]:
     """|distance to S - r| at vertices and at face centres."""
     field = DistanceField.of_part(stack.part)
@@ -52,12 +56,12 @@ def depths(stack) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize(
     ("solid", "angles", "t"),
     [
-        (gear(), (37.0, 55.8, 148.9), 2.0),
-        (Solid.cube((24, 16, 6)) + Solid.cube((6, 16, 22)), (-119.9, -37.6, 147.7), 0.4),
+        (gear, (37.0, 55.8, 148.9), 2.0),
+        (angle, (-119.9, -37.6, 147.7), 0.4),
     ],
 )
 def test_no_vertex_leaves_a_turned_part(solid, angles, t):
-    part = turned(solid, angles)
+    part = turned(solid(), angles)
     whole = DistanceField(part.vertices, part.faces)
     for layer in generate_layers(part, LayerSettings(thickness_mm=t)).layers:
         found = whole.nearest(layer.vertices)
