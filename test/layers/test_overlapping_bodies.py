@@ -14,7 +14,7 @@ from vega_planner.layers.contour import Sheet
 from vega_planner.layers.core_kernels import OPPOSED
 from vega_planner.layers.distance_field import DistanceField
 from vega_planner.layers.front import measure_rooms
-from vega_planner.layers.settle import settle_sheet
+from vega_planner.layers.settle import _spans, settle_sheet
 from vega_planner.settings import LayerSettings
 
 from .shapes import Solid, base, box, part_of
@@ -82,3 +82,30 @@ def test_a_vertex_off_its_level_is_put_onto_it_and_one_without_a_level_goes() ->
     flat = box(10, 10, 1)
     deep = replace(sheet, vertices=points * [1, 1, 0.25])
     assert len(settle_sheet(deep, DistanceField(flat.vertices, flat.faces), None).faces) == 0
+
+
+def test_a_hole_that_lost_faces_leave_is_spanned_and_the_rim_stays_open() -> None:
+    part = box(10, 10, 10, None)
+    steps = np.linspace(3.0, 7.0, 5)
+    x, y = (grid.ravel() for grid in np.meshgrid(steps, steps, indexing="ij"))
+    points = np.column_stack([x, y, np.full(25, 2.0)])
+    corner = (np.arange(4)[:, None] * 5 + np.arange(4)).ravel()
+    faces = np.concatenate(
+        [
+            np.column_stack([corner, corner + 5, corner + 1]),
+            np.column_stack([corner + 1, corner + 5, corner + 6]),
+        ]
+    )
+    rim = (np.abs(points[:, :2] - 5) == 2).any(1)
+    sheet = Sheet(2.0, points, faces, np.zeros(25, np.int64), rim, np.tile([0.0, 0, 1], (25, 1)))
+    left = faces[(faces != 12).all(1)]
+    spans = _spans(points, left, sheet, DistanceField(part.vertices, part.faces))
+    assert len(spans) == 4
+    whole = np.concatenate([left, spans])
+    area = np.cross(
+        points[whole[:, 1]] - points[whole[:, 0]], points[whole[:, 2]] - points[whole[:, 0]]
+    )
+    assert area[:, 2].sum() / 2 == pytest.approx(16)
+    assert (area[:, 2] > 0).all()
+    off_level = points * [1, 1, 1.1]
+    assert len(_spans(off_level, left, sheet, DistanceField(part.vertices, part.faces))) == 0

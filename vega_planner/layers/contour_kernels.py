@@ -20,6 +20,8 @@ from vega_planner.layers.triangle_kernels import closest, measure, walk
 from vega_planner.layers.vertex_kernels import (
     SAME_SHEET,
     clear_about,
+    keep_inside,
+    meet_rim,
     place,
     settle_about,
     settle_rim,
@@ -224,6 +226,7 @@ def make_vertices(
     normals = np.zeros((24, 3))
     limits = np.zeros(24)
     v = np.zeros(3)
+    start = np.zeros(3)
     virtual = np.zeros((12, 3))
     square, right, newton, rows = np.zeros(6), np.zeros(3), np.zeros(3), np.zeros((16, 4))
     seen = np.zeros((9, 3))
@@ -239,6 +242,13 @@ def make_vertices(
                     q = level[n + corner_step[c]]
                     low = min(low, q)
                     high = max(high, q)
+                near_region = False
+                if len(leave) > 1:
+                    for c in range(8):
+                        m = n + corner_step[c]
+                        if state[m] != INSIDE and not d[m] <= 0.0:
+                            near_region = True
+                            break
                 vertex = base[n]
                 for lev in range(low, high):
                     r = r0 + t * lev
@@ -324,6 +334,7 @@ def make_vertices(
                         v[0] /= total
                         v[1] /= total
                         v[2] /= total
+                        start[0], start[1], start[2] = v[0], v[1], v[2]
                         hint = sheets[0]
                         fx, fy, fz = 0.0, 0.0, 0.0
                         know_foot = False
@@ -396,6 +407,12 @@ def make_vertices(
                                     tri, corner, ring_start, ring, box, brr_tri, brr_box, h, r,
                                     hint, v, stack, lower,
                                 )  # fmt: skip
+                                if len(box) > 0:
+                                    hint = meet_rim(
+                                        tri, corner, ring_start, ring, box, brr_tri, brr_box,
+                                        sheets, normals, kinds, h, r, hint, v, start, stack,
+                                        lower,
+                                    )  # fmt: skip
                             else:
                                 hint = settle_about(
                                     tri, corner, ring_start, ring, r, slot, d, gradient, origin,
@@ -409,12 +426,33 @@ def make_vertices(
                                 corner_step, not know_foot, hint, v,
                             )  # fmt: skip
                             know_foot = know_foot and hint == before
+                        if beyond == 0 and (near_region or (kinds > 1 and len(leave) > 1)):
+                            x, y, z = v[0], v[1], v[2]
+                            hint = keep_inside(
+                                tri, corner, ring_start, ring, box, brr_tri, brr_box, h, r, state,
+                                slot, d, gradient, origin, corner_step, hint, v, start, stack,
+                                lower, seen,
+                            )  # fmt: skip
+                            know_foot = know_foot and x == v[0] and y == v[1] and z == v[2]
                         position[vertex, 0] = v[0]
                         position[vertex, 1] = v[1]
                         position[vertex, 2] = v[2]
                         vertex_slot[vertex] = hint
                         if not know_foot:
                             _, fx, fy, fz = closest(tri, hint, v[0], v[1], v[2])
+                        out = (v[0] - fx) * tri[hint, 9] + (v[1] - fy) * tri[hint, 10]
+                        out += (v[2] - fz) * tri[hint, 11]
+                        if out > 0.9 * r and beyond == 0:
+                            # A crease beyond S, of the same distances.
+                            v[0], v[1], v[2] = start[0], start[1], start[2]
+                            hint = settle_about(
+                                tri, corner, ring_start, ring, r, slot, d, gradient, origin, h,
+                                corner_step, sheets[0], v, seen,
+                            )  # fmt: skip
+                            _, fx, fy, fz = closest(tri, hint, v[0], v[1], v[2])
+                            for q in range(3):
+                                position[vertex, q] = v[q]
+                            vertex_slot[vertex] = hint
                         e2 = (v[0] - fx) ** 2 + (v[1] - fy) ** 2 + (v[2] - fz) ** 2
                         e2 = max(np.sqrt(e2), 1e-12)
                         inward[vertex, 0] = (v[0] - fx) / e2

@@ -44,6 +44,7 @@ from vega_planner.layers.front import (
 from vega_planner.layers.grid import Grid
 from vega_planner.layers.summits import low_pieces
 from vega_planner.parallel import map_threads
+from vega_planner.part.topology import connected_pieces
 
 #: Pieces of a level set up to this width, in t, count as slivers that a grid may lose.
 SLIVER_RATIO = 0.66
@@ -273,6 +274,11 @@ def _filled(front: Front, chosen: Bools, room: Floats, wall: Layer, t: float) ->
     for share in FILLED_AT:
         near = tree.nearest(feet + share * free * inward)
         filled[rows] &= near.distances <= half[near.faces] + NEARLY * t
+    rest = np.flatnonzero(chosen & ~filled)
+    if len(rest):
+        # Bits smaller than a bead is wide are no sheet of their own.
+        piece, _ = connected_pieces(len(front.vertices), front.faces[rest])
+        filled[rest[np.bincount(piece, face_areas(front)[rest])[piece] < t * t]] = True
     return filled
 
 

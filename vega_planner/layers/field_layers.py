@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -12,12 +13,12 @@ from vega_planner.datatypes import Bools, Floats, Ints, Layer, LayerStack, Part
 from vega_planner.errors import BadRestraint, NoLayers
 from vega_planner.layers.contour import Sheet, contour_levels
 from vega_planner.layers.core import SLIVER_RATIO, Core, fill_core, leant
-from vega_planner.layers.coverage import spread_samples
+from vega_planner.layers.coverage import Samples, spread_samples
 from vega_planner.layers.distance_field import DistanceField
 from vega_planner.layers.filling import Filling, fill, grown
 from vega_planner.layers.folds import folded_ears
 from vega_planner.layers.geodesic import Sources, bend_distances, is_convex_at_region
-from vega_planner.layers.grid import finish, inside_nodes, sample_nodes, sample_part
+from vega_planner.layers.grid import Grid, finish, inside_nodes, sample_nodes, sample_part
 from vega_planner.layers.refine import refine_sheet
 from vega_planner.layers.settle import settle_sheet
 from vega_planner.layers.summits import with_summits
@@ -42,6 +43,17 @@ GAP_SHARE = 0.002
 #: Vertices of all layers before refinement, and nodes of the grid, that are affordable.
 MOST_VERTICES = 3e6
 MOST_NODES = 12e6
+
+#: Small parts whose layers are off their depth are sampled again, with a grid closer by this
+#: factor, as often as this and while the grid has no more nodes than this.
+FINER, FINER_ROUNDS, FINER_NODES = 0.54, 2, 1.5e6
+
+#: Layers are off their depth if more than a share of all points is off by more than this
+#: [mm], or any vertex or centre of a face by more than these.
+OFF_MM, OFF_RATIO, MOST_VERTEX_MM, MOST_CENTRE_MM = 0.02, 0.01, 0.1, 0.25
+
+#: Faces that are measured for that, at most.
+MOST_MEASURED = 30000
 
 #: Open share of the volume above which a person is told.
 OPEN_RATIO = 0.01
@@ -105,9 +117,71 @@ def field_layers(part: Part, settings: LayerSettings, report: Report) -> LayerSt
     begun: list[Any] = [partial(DistanceField.of_part, part), look_about]
     field, (brr, (state, origin, shape), samples) = map_threads(lambda work: work(), begun)
     grid = sample_nodes(state, origin, spacing, shape, field, report)
+    best = _sampled(part, settings, field, brr, grid, samples, report)
+    for _ in range(FINER_ROUNDS):
+        spacing = FINER * min(spacing, best.spacing)
+        if _node_count(part, spacing) > FINER_NODES or not best.missed:
+            break
+        grid = sample_part(part, field, spacing, report)
+        best = min(
+            best,
+            _sampled(part, settings, field, brr, grid, samples, report),
+            key=lambda way: (way.missed + (way.filling.missed > 0), way.off_share),
+        )
+    filling, warnings = best.filling, best.warnings
+    if filling.uncovered > OPEN_RATIO:
+        warnings += (f"{filling.uncovered:.1%} of the volume is covered by no layer",)
+    return LayerStack(
+        part=part,
+        engine="field",
+        thickness_mm=t,
+        layers=filling.layers,
+        cores=filling.cores,
+        uncovered_ratio=filling.uncovered,
+        overfill_ratio=filling.overfill,
+        warnings=warnings,
+    )
+
+
+@dataclass(frozen=True)
+class _Sampled:
+    """The layers that a grid of some spacing has led to, and how far off they are.
+
+    Attributes:
+        filling: The layers.
+        spacing: Spacing of the grid [mm].
+        warnings: What a person should know.
+        off_share: Share of the vertices and face centres off by more than `OFF_MM`.
+        missed: How many aims for the depth are missed.
+    """
+
+    filling: Filling
+    spacing: float
+    warnings: tuple[str, ...]
+    off_share: float
+    missed: int
+
+
+def _node_count(part: Part, h: float) -> float:
+    """Count the nodes of a grid, about."""
+    return float(np.prod(np.ptp(part.bounds, axis=0) / h + 3))
+
+
+def _sampled(
+    part: Part,
+    settings: LayerSettings,
+    field: DistanceField,
+    brr: DistanceField | None,
+    grid: Grid,
+    samples: Samples,
+    report: Report,
+) -> _Sampled:
+    """Make the layers with a grid, or a closer one where there are gaps."""
+    t = settings.thickness_mm
     gaps = grid.gap_share > GAP_SHARE
-    if gaps and grid_spacing(part, t, gaps) < grid.spacing:
-        grid = sample_part(part, field, grid_spacing(part, t, gaps), report)
+    closer = grid_spacing(part, t, gaps)
+    if gaps and closer < grid.spacing:
+        grid = sample_part(part, field, closer, report)
     sources = Sources.straight(field)
     warnings: tuple[str, ...] = ()
     if brr is not None and not is_convex_at_region(part):
@@ -149,20 +223,36 @@ def field_layers(part: Part, settings: LayerSettings, report: Report) -> LayerSt
         ways = [filling, filled(carried=False)]
         filling = min(ways, key=lambda way: way.rank)
         if filling.missed:
-            ways = [filling, *(grown(part, way, t) for way in ways)]
+            ways = [filling, *(grown(part, samples, way, t) for way in ways)]
             filling = min(ways, key=lambda way: way.rank)
-    if filling.uncovered > OPEN_RATIO:
-        warnings += (f"{filling.uncovered:.1%} of the volume is covered by no layer",)
-    return LayerStack(
-        part=part,
-        engine="field",
-        thickness_mm=t,
-        layers=filling.layers,
-        cores=filling.cores,
-        uncovered_ratio=filling.uncovered,
-        overfill_ratio=filling.overfill,
-        warnings=warnings,
-    )
+    off_share, missed = 0.0, 0
+    if _node_count(part, FINER * grid.spacing) <= FINER_NODES:
+        off_share, missed = _depth_misses(filling, field, straight)
+    return _Sampled(filling, grid.spacing, warnings, off_share, missed)
+
+
+def _depth_misses(filling: Filling, field: DistanceField, straight: bool) -> tuple[float, int]:
+    """Measure how far layers are off their depth.
+
+    Ways inside the part are never shorter than straight ones; where depths are not straight
+    only points that are too deep are known to be off.
+
+    Returns:
+        Share of the vertices and face centres that are off, and how many aims are missed.
+    """
+    faces = sum(len(layer.faces) for layer in filling.layers)
+    step = 1 + faces // MOST_MEASURED
+    at_vertices, at_centres = [np.zeros(1)], [np.zeros(1)]
+    for layer in filling.layers:
+        centres = layer.vertices[layer.faces[::step]].mean(1)
+        for points, found in ((layer.vertices[::step], at_vertices), (centres, at_centres)):
+            off = field.distances(points) - layer.depth_mm
+            found.append(np.abs(off) if straight else np.maximum(off, 0.0))
+    vertices, centres = np.concatenate(at_vertices), np.concatenate(at_centres)
+    share = float(np.mean(np.concatenate([vertices, centres]) > OFF_MM))
+    missed = int(share > OFF_RATIO)
+    missed += int(vertices.max() > MOST_VERTEX_MM) + int(centres.max() > MOST_CENTRE_MM)
+    return share, missed
 
 
 def envelopes(sheets: list[Sheet], core: Core, lean: float, *, t: float) -> list[Layer]:

@@ -175,11 +175,12 @@ def fill(
     return replace(best, even=ways[LEAN])
 
 
-def grown(part: Part, way: Filling, t: float) -> Filling:
+def grown(part: Part, samples: Samples, way: Filling, t: float) -> Filling:
     """Let sheets grow towards what they leave open, until little enough is.
 
     Args:
         part: The part.
+        samples: Points of the part.
         way: The sheets.
         t: Layer thickness [mm].
 
@@ -191,7 +192,7 @@ def grown(part: Part, way: Filling, t: float) -> Filling:
     count = part.volume / (GROWTH_RATIO * t) ** 3
     if count > (MOST_SAMPLES if least < FULL_AIM else FEW_SAMPLES):
         return way
-    samples, fine = spread_samples(part), spread_samples(part, int(count))
+    fine = spread_samples(part, int(count))
     open_nodes = measure_coverage(part, fine, way.sheets).open_nodes
     gaps = Gaps.between(way.sheets, fine.points(open_nodes), fine.spacing**3, t)
     for weight in GROWTH_WEIGHTS:

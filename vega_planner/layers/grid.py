@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
@@ -58,13 +59,13 @@ class Grid:
         """Positions of nodes [mm], shape (n, 3)."""
         return self.origin + self.spacing * np.stack(np.unravel_index(nodes, self.shape), axis=1)
 
-    @property
+    @cached_property
     def corner_step(self) -> np.ndarray:
         """Steps from a node to the eight corners of the cell that begins there."""
         _, ny, nz = self.shape
         return np.array([(c & 1) * ny * nz + (c >> 1 & 1) * nz + (c >> 2 & 1) for c in range(8)])
 
-    @property
+    @cached_property
     def about(self) -> tuple[Any, ...]:
         """What the search for the sheets about a point needs."""
         return (

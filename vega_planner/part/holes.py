@@ -42,7 +42,7 @@ def fill_holes(vertices: Floats, faces: Ints) -> Filling:
         The new faces and how much they are.
     """
     loops = rim_loops(faces)
-    patches = [_span(vertices, loop) for loop in loops]
+    patches = [span_rim(vertices, loop) for loop in loops]
     new = np.concatenate(patches) if patches else np.zeros((0, 3), dtype=np.int64)
     area = 0.5 * float(np.linalg.norm(face_cross(vertices, new), axis=1).sum())
     widest = max((float(np.ptp(vertices[loop], axis=0).max()) for loop in loops), default=0.0)
@@ -84,7 +84,16 @@ def rim_loops(faces: Ints) -> list[Ints]:
     return loops
 
 
-def _span(vertices: Floats, loop: Ints) -> Ints:
+def span_rim(vertices: Floats, loop: Ints) -> Ints:
+    """Span one rim with triangles between its vertices.
+
+    Args:
+        vertices: Points [mm], shape (n, 3).
+        loop: Vertex indices of the rim, in the direction that faces run along it.
+
+    Returns:
+        New faces, shape (k, 3).
+    """
     if len(loop) <= LONGEST_EXACT:
         return loop[_least_area(vertices[loop])]
     return loop[_in_mean_plane(vertices[loop])]
