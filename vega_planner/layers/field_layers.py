@@ -107,15 +107,15 @@ def field_layers(part: Part, settings: LayerSettings, report: Report) -> LayerSt
     t = settings.thickness_mm
     spacing = grid_spacing(part, t)
 
-    def look_about() -> Any:
-        """Do what needs no distances, and a single thread, while their tree is made."""
-        brr = None
-        if part.restrained.any():
-            brr = DistanceField(part.vertices, part.faces[part.restrained])
-        return brr, inside_nodes(part, spacing), spread_samples(part)
-
-    begun: list[Any] = [partial(DistanceField.of_part, part), look_about]
-    field, (brr, (state, origin, shape), samples) = map_threads(lambda work: work(), begun)
+    field = DistanceField.of_part(part)
+    region = part.faces[part.restrained]
+    # What needs but one thread each.
+    begun: list[Any] = [
+        partial(inside_nodes, part, spacing),
+        partial(spread_samples, part),
+        lambda: DistanceField(part.vertices, region) if len(region) else None,
+    ]
+    (state, origin, shape), samples, brr = map_threads(lambda work: work(), begun)
     grid = sample_nodes(state, origin, spacing, shape, field, report)
     best = _sampled(part, settings, field, brr, grid, samples, report)
     for _ in range(FINER_ROUNDS):

@@ -3,9 +3,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from threading import Event
 from typing import Any
 
 import numpy as np
@@ -188,7 +190,7 @@ def sample_nodes(
 
     def sweep_all() -> None:
         for _ in range(100):
-            changed = sum(map_threads(sweep, slabs[::2])) + sum(map_threads(sweep, slabs[1::2]))
+            changed = sum(_in_turn(sweep, slabs))
             report(Progress("layers", 0.2))
             if changed == 0:
                 break
@@ -202,7 +204,7 @@ def sample_nodes(
 
     sweep_all()
     handed = slot.copy()
-    mended = sum(map_threads(mend, slabs[::2])) + sum(map_threads(mend, slabs[1::2]))
+    mended = sum(_in_turn(mend, slabs))
     if mended:
         sweep_all()
         _measure_about(slot != handed, state, origin, h, shape, field, slot, known)
@@ -212,6 +214,27 @@ def sample_nodes(
     gap_share = mended / np.count_nonzero(state == kernels.INSIDE) if mended else 0.0
     level = np.zeros(count, np.int16)
     return Grid(origin, h, shape, state, distance, slot, gradient, level, gap_share)
+
+
+def _in_turn(work: Callable[[tuple[int, int]], int], slabs: list[tuple[int, int]]) -> list[int]:
+    """Work on every other slab, and on each one between as soon as both beside it are done.
+
+    Neighbours never work together, and always in the same turn. What a slab waits for comes
+    before it in the order, so that no number of threads keeps it waiting for ever.
+    """
+    done = [Event() for _ in slabs]
+
+    def turn(k: int) -> int:
+        try:
+            for beside in (k - 1, k + 1) if k % 2 else ():
+                if beside < len(slabs):
+                    done[beside].wait()
+            return work(slabs[k])
+        finally:
+            done[k].set()
+
+    order = sorted(range(len(slabs)), key=lambda k: k + 3.5 * (k % 2))
+    return map_threads(turn, order)
 
 
 def _measure_about(
