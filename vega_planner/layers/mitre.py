@@ -85,10 +85,9 @@ class Strips:
         thickness = layer.thickness
         first = len(thickness)
         plain = np.concatenate([thickness, np.zeros(len(self.ends))])
-        for rows in (self.ends.max(1) < first, self.ends.max(1) >= first):
-            # points between new points come after those
-            a, b = plain[self.ends[rows]].T
-            plain[first:][rows] = a + self.share[rows] * (b - a)
+        for rows, before, after, share in self._turns:
+            a, b = plain[before], plain[after]
+            plain[first + rows] = a + share * (b - a)
         raised = np.minimum(plain * self._joint, np.maximum(plain, MOST[layer.kind] * t))
         return replace(
             layer,
@@ -97,6 +96,13 @@ class Strips:
             thickness=raised,
             mitre=raised / plain,
         )
+
+    @cached_property
+    def _turns(self) -> list[tuple[Ints, Ints, Ints, Floats]]:
+        """New points, their ends and shares; those between new points come after those."""
+        late = (self.ends >= len(self.vertices) - len(self.ends)).any(1)
+        turns = np.flatnonzero(~late), np.flatnonzero(late)
+        return [(rows, *self.ends[rows].T.copy(), self.share[rows]) for rows in turns]
 
     @cached_property
     def _joint(self) -> Floats:
