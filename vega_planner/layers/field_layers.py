@@ -215,7 +215,7 @@ def _sampled(
                 ways.append(core(staying_ratio=1.0))
         if not any(kept.any() for kept in ways[0].kept) and not ways[0].cores:
             raise NoLayers(f"no layer of t = {t:g} mm fits into part '{part.name}'")
-        made = partial(envelopes, sheets, t=t)
+        made = partial(envelopes, sheets, t=t, known={})
         return fill(part, samples, ways, made, field, t, straight, settings.fill_core)
 
     filling = filled(carried=True)
@@ -255,27 +255,37 @@ def _depth_misses(filling: Filling, field: DistanceField, straight: bool) -> tup
     return share, missed
 
 
-def envelopes(sheets: list[Sheet], core: Core, lean: float, *, t: float) -> list[Layer]:
-    """Make layers of what stays of the level sets, as far as one is left."""
+#: Vertices and faces of what stays of a sheet, and which vertices these are, None for all.
+_Stays = tuple[Floats, Ints, Bools | None]
+
+
+def envelopes(
+    sheets: list[Sheet], core: Core, lean: float, *, t: float, known: dict[int, list[_Stays]]
+) -> list[Layer]:
+    """Make layers of what stays of the level sets, as far as one is left.
+
+    Args:
+        sheets: The level sets.
+        core: What stays of them, and the room that each has.
+        lean: How far they lean towards laying twice.
+        t: Layer thickness [mm].
+        known: What stays by the id of a core, where it has been found; added to.
+    """
+    if id(core) not in known:
+        known[id(core)] = map_threads(
+            lambda k: kept_faces(sheets[k], core.kept[k]), range(len(sheets))
+        )
 
     def envelope(k: int) -> Layer:
-        sheet = sheets[k]
-        kept = core.kept[k]
-        # Two open edges and the one opposite to them are all on the rim.
-        corners = sheet.rim[sheet.faces].sum(1) if sheet.rim.any() else np.zeros(0)
-        if (corners == 3).any():
-            beside = np.flatnonzero(corners >= 2)
-            ears = folded_ears(sheet.vertices, sheet.faces[beside])
-            kept = kept.copy()
-            kept[beside[ears & (corners[beside] == 3)]] = False
-        vertices, faces, thickness = kept_faces(sheet, kept, leant(core.room[k], t, lean))
-        for array in (vertices, faces, thickness):
-            if array is not sheet.vertices and array is not sheet.faces:
-                array.flags.writeable = False  # or a layer would copy it
+        vertices, faces, used = known[id(core)][k]
+        thickness = leant(core.room[k], t, lean)
+        if used is not None:
+            thickness = thickness[used]
+        thickness.flags.writeable = False  # or a layer would copy it
         return Layer(
             index=k,
             kind="envelope",
-            depth_mm=sheet.depth,
+            depth_mm=sheets[k].depth,
             vertices=vertices,
             faces=faces,
             thickness=thickness,
@@ -287,12 +297,22 @@ def envelopes(sheets: list[Sheet], core: Core, lean: float, *, t: float) -> list
     return layers
 
 
-def kept_faces(sheet: Sheet, kept: Bools, thickness: Floats) -> tuple[Floats, Ints, Floats]:
+def kept_faces(sheet: Sheet, kept: Bools) -> _Stays:
     """Leave out the faces of a sheet that are not kept, and the vertices only they use."""
+    # Two open edges and the one opposite to them are all on the rim.
+    corners = sheet.rim[sheet.faces].sum(1) if sheet.rim.any() else np.zeros(0)
+    if (corners == 3).any():
+        beside = np.flatnonzero(corners >= 2)
+        ears = folded_ears(sheet.vertices, sheet.faces[beside])
+        kept = kept.copy()
+        kept[beside[ears & (corners[beside] == 3)]] = False
     faces = sheet.faces if kept.all() else sheet.faces[kept]
     used = np.zeros(len(sheet.vertices), bool)
     used[faces] = True
+    if faces is not sheet.faces:
+        faces.flags.writeable = False  # or layers would copy them
     if used.all():
-        return sheet.vertices, faces, thickness
-    number = np.cumsum(used) - 1
-    return sheet.vertices[used], number[faces], thickness[used]
+        return sheet.vertices, faces, None
+    vertices, faces = sheet.vertices[used], (np.cumsum(used) - 1)[faces]
+    vertices.flags.writeable = faces.flags.writeable = False
+    return vertices, faces, used
