@@ -98,3 +98,10 @@ def test_patches_divide_a_sheet_into_cubes_of_their_width():
 def test_what_is_spread_goes_to_the_neighbours_on_both_sides():
     patches = Patches(np.arange(3), 3, np.array([[0, 1], [1, 2]]))
     assert patches.spread(np.array([0.0, 2.0, 0.0])).tolist() == [1.0, 2.0, 1.0]
+
+
+def test_only_three_rings_of_patches_about_some_are_kept():
+    chain = Patches(np.arange(9), 9, np.column_stack([np.arange(8), np.arange(1, 9)]))
+    kept = chain.about(np.array([0]))
+    assert kept.of_face.tolist() == [0, 1, 2, 3, -1, -1, -1, -1, -1]
+    assert kept.beside.tolist() == [[0, 1], [1, 2], [2, 3]]

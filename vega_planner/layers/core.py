@@ -204,7 +204,11 @@ def fill_core(
         last[k] = add_core_sheet(mine, field, front, moved, room, k * t, False, t, ends)
         own &= kept[k]
         wide = own & opposed & (gap >= WIDE_RATIO * t)
-        add_core_sheet(mine, field, front, wide, spread, (k + 1) * t, True, t)
+        between = spread
+        if carried and wide.any():
+            between = carried_room(front, wide, front.room, field, (), t)
+            between = np.where(np.isfinite(between), between, spread)
+        add_core_sheet(mine, field, front, wide, between, (k + 1) * t, True, t)
         narrow = np.unique(front.faces[own & ~wide])
         free = np.where(np.isfinite(spread), spread - k * t, t)[narrow]
         rooms[k][narrow] = free

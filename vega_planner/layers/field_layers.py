@@ -223,8 +223,8 @@ def _sampled(
         ways = [filling, filled(carried=False)]
         filling = min(ways, key=lambda way: way.rank)
         if filling.missed:
-            ways = [filling, *(grown(part, samples, way, t) for way in ways)]
-            filling = min(ways, key=lambda way: way.rank)
+            even = min((way.even or way for way in ways), key=lambda way: way.harm)
+            filling = min(filling, grown(part, samples, even, t), key=lambda way: way.rank)
     off_share, missed = 0.0, 0
     if _node_count(part, FINER * grid.spacing) <= FINER_NODES:
         off_share, missed = _depth_misses(filling, field, straight)

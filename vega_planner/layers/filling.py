@@ -38,11 +38,11 @@ EARLY_GAIN = 1.3
 MOST_LEAN = 0.9
 
 #: How much material covering an open volume is worth, step by step, while sheets grow.
-GROWTH_WEIGHTS = (1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0)
+GROWTH_WEIGHTS = (1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0)
 
-#: Spacing of the points that sheets grow towards, in t; how many are affordable where
-#: both aims may be met, and where the one for what is laid twice is missed.
-GROWTH_RATIO, MOST_SAMPLES, FEW_SAMPLES = 1 / 5, 2e6, 5e5
+#: Spacing of the points that sheets grow towards, at best and at most, in t; how many are
+#: affordable where both aims may be met, and where the one for what is laid twice is missed.
+GROWTH_RATIO, WIDEST_RATIO, MOST_SAMPLES, FEW_SAMPLES = 1 / 5, 1 / 3, 2e6, 5e5
 
 #: Material laid twice for each volume that sheets grow to cover, at least.
 LEAST_COST = 0.3
@@ -187,14 +187,15 @@ def grown(part: Part, samples: Samples, way: Filling, t: float) -> Filling:
     Returns:
         The sheets, thicker where it pays; unchanged where too much would be laid twice.
     """
-    way = way.even or way
     least = way.overfill + LEAST_COST * max(way.uncovered - OPEN_AIM, 0.0)
-    count = part.volume / (GROWTH_RATIO * t) ** 3
-    if count > (MOST_SAMPLES if least < FULL_AIM else FEW_SAMPLES):
+    most = MOST_SAMPLES if least < FULL_AIM else FEW_SAMPLES
+    fewest, finest = (part.volume / (share * t) ** 3 for share in (WIDEST_RATIO, GROWTH_RATIO))
+    if fewest > most:
         return way
-    fine = spread_samples(part, int(count))
+    fine = spread_samples(part, int(min(finest, most)))
     open_nodes = measure_coverage(part, fine, way.sheets).open_nodes
     gaps = Gaps.between(way.sheets, fine.points(open_nodes), fine.spacing**3, t)
+    best = way
     for weight in GROWTH_WEIGHTS:
         if way.uncovered < OPEN_AIM:
             break
@@ -202,7 +203,8 @@ def grown(part: Part, samples: Samples, way: Filling, t: float) -> Filling:
         coverage = measure_coverage(part, samples, sheets, way.coverage)
         first = len(way.layers)
         way = Filling(sheets[:first], sheets[first:], coverage)
-    return way
+        best = min(best, way, key=lambda way: way.rank)
+    return best
 
 
 def allow_for_facets(sheet: Layer, allowance: float) -> Layer:

@@ -30,6 +30,10 @@ MOST_RATIO = 1.5
 #: How much of what is found on patches beside it counts on a patch.
 BESIDE_SHARE = 0.5
 
+#: Rings of patches about those beside a pocket that matter: growth is spread over two, and
+#: weighed against the material of a third.
+RINGS = 3
+
 
 @dataclass(frozen=True, eq=False)
 class Patches:
@@ -60,6 +64,16 @@ class Patches:
             pairs = np.flatnonzero(keys[place] == keys + step)
             beside.append(np.column_stack([pairs, place[pairs]]))
         return cls(of_face.ravel(), len(keys), np.concatenate(beside))
+
+    def about(self, some: Ints) -> Patches:
+        """Keep some patches and `RINGS` about them; the faces of others get -1."""
+        kept = np.zeros(self.count, bool)
+        kept[some] = True
+        for _ in range(RINGS):
+            kept[self.beside[kept[self.beside].any(1)]] = True
+        number = np.where(kept, np.cumsum(kept) - 1, -1)
+        beside = number[self.beside]
+        return Patches(number[self.of_face], int(kept.sum()), beside[(beside >= 0).all(1)])
 
     def spread(self, values: Floats) -> Floats:
         """Add a share of what the patches beside each have, along the first axis."""
@@ -159,21 +173,23 @@ def _grown(
         worth: Material that covering one point is worth [mm³].
         t: Nominal layer thickness [mm].
     """
+    patches = patches.about(np.unique(patches.of_face[nearest]))
+    about = np.flatnonzero(patches.of_face >= 0)
+    owner = patches.of_face[about]
     shares = np.arange(0.0, MOST_RATIO, STEP)
     # Place of the least share that covers a point; those beyond the last count nowhere.
     least = np.searchsorted(shares, missing)
     gained = np.zeros((patches.count, len(shares) + 1))
     np.add.at(gained, (patches.of_face[nearest], least), worth)
-    areas = sheet.face_areas
-    laid = areas * sheet.thickness[sheet.faces].mean(1)
-    material = np.bincount(patches.of_face, laid, patches.count).astype(np.float64)
+    areas, faces = sheet.face_areas[about], sheet.faces[about]
+    laid = areas * sheet.thickness[faces].mean(1)
+    material = np.bincount(owner, laid, patches.count).astype(np.float64)
     spread = patches.spread(material)
     gain = np.cumsum(patches.spread(gained)[:, :-1], axis=1) - spread[:, None] * shares
     share = patches.spread(shares[np.argmax(gain, axis=1)] * material) / spread
-    corners = sheet.faces.ravel()
-    weights = np.repeat(areas, 3)
+    corners, weights = faces.ravel(), np.repeat(areas, 3)
     total = np.bincount(corners, weights, len(sheet.vertices))
-    at_vertices = np.bincount(corners, weights * np.repeat(share[patches.of_face], 3), len(total))
+    at_vertices = np.bincount(corners, weights * np.repeat(share[owner], 3), len(total))
     growth = 1 + at_vertices / np.maximum(total, 1e-12)
     growth = np.clip(growth, 1.0, np.maximum(MOST_RATIO * t / sheet.bead_thickness, 1.0))
     return replace(sheet, thickness=sheet.thickness * growth)
