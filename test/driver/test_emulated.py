@@ -240,7 +240,8 @@ def test_emulated_drives_wait_for_a_master_that_is_late(start, tmp_path):
     before = link.status().cycles
     until(lambda: link.status().cycles > before + 100)
     assert link.status().state == "printing", link.status().detail
-    assert link.status().wrong_counters == 0
+    # The frame that was on its way when the master stopped may have come back too late.
+    assert link.status().wrong_counters <= 1
 
 
 def test_a_bus_without_its_interface_says_so(start):
