@@ -15,16 +15,14 @@ import numpy as np
 
 from vega_planner.compiled import inner_kernel, kernel
 from vega_planner.layers.grid_kernels import FACING, INSIDE
+from vega_planner.layers.rim_kernels import bring_back, meet_rim, settle_rim
 from vega_planner.layers.tree_kernels import first_hit, nearest
 from vega_planner.layers.triangle_kernels import closest, measure, walk
 from vega_planner.layers.vertex_kernels import (
     SAME_SHEET,
     clear_about,
-    keep_inside,
-    meet_rim,
     place,
     settle_about,
-    settle_rim,
 )
 
 #: What is to be told of a vertex besides its place.
@@ -428,7 +426,7 @@ def make_vertices(
                             know_foot = know_foot and hint == before
                         if beyond == 0 and (near_region or (kinds > 1 and len(leave) > 1)):
                             x, y, z = v[0], v[1], v[2]
-                            hint = keep_inside(
+                            hint = bring_back(
                                 tri, corner, ring_start, ring, box, brr_tri, brr_box, h, r, state,
                                 slot, d, gradient, origin, corner_step, hint, v, start, stack,
                                 lower, seen,

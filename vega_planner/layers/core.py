@@ -18,7 +18,6 @@ room g = m - (N + 1) t behind a band:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,18 +30,15 @@ from vega_planner.layers.distance_field import DistanceField, distances_within
 from vega_planner.layers.front import (
     END_RATIO,
     Front,
-    Pieces,
     face_areas,
     face_gaps,
     face_inward,
-    face_middles,
-    front_pieces,
     sheet_front,
     spread_room,
     thin_walls,
 )
 from vega_planner.layers.grid import Grid
-from vega_planner.layers.summits import low_pieces
+from vega_planner.layers.leaving import MIDDLE_RATIO, Pieces, leaving_faces
 from vega_planner.parallel import map_threads
 from vega_planner.part.topology import connected_pieces
 
@@ -52,19 +48,9 @@ SLIVER_RATIO = 0.66
 #: Share of the volume that last layers may leave open or lay twice before they move.
 TOLERATED_RATIO = 0.002
 
-#: Walls up to twice this, in t, get one sheet on their mid-surface instead of two.
-MIDDLE_RATIO = 0.64
-
-#: A connected piece of a sheet moves whole where this share of it has no room of t.
-MOVING_SHARE = 0.3
-
 #: Share of the volume that pieces may leave open or lay twice that stay only because a
 #: deeper level does.
 STAYING_RATIO = 0.006
-
-#: A connected piece of which this share is a sliver is made anew, all of it if what else it
-#: has is below this area, in t².
-SLIVER_SHARE, BESIDE_RATIO = 0.8, 8.0
 
 #: How far sheets lean towards laying twice instead of leaving open, to begin with.
 LEAN = 0.3
@@ -79,9 +65,6 @@ WITHIN_RATIO = 0.25
 #: Where, in the thickness of a face, it is asked whether a wall's sheet fills it, and how
 #: near is near enough, in t.
 FILLED_AT, NEARLY = (0.1, 0.5, 0.9), 0.05
-
-#: Pieces below this area, in t², are asked how far they rise over their level.
-SMALL_RATIO = 2.7
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,7 +141,7 @@ def fill_core(
         else:
             front = sheet_front(k, sheets[k], grid, field, brr, t, sliver)
         (gap, opposed), areas = face_gaps(front, t), face_areas(front)
-        pieces = front_pieces(front, gap, opposed, areas, t, sliver, WIDE_RATIO * t)
+        pieces = Pieces.of_front(front, gap, opposed, areas, t, sliver, WIDE_RATIO * t)
         return front, (gap, opposed), areas, pieces
 
     fronts, gaps, areas, pieces = zip(*map_threads(look, range(-1, len(sheets))))
@@ -170,7 +153,7 @@ def fill_core(
     walls, (gap, opposed) = fronts[0], gaps[0]
     chosen = gap < MIDDLE_RATIO * t
     budget = staying_ratio * part.volume
-    leaving = _leaving(
+    leaving = leaving_faces(
         fronts[1:], gaps[1:], areas[1:], pieces[1:], t, sliver, budget, moving, grid.spacing,
         field, brr,
     )  # fmt: skip
@@ -184,6 +167,7 @@ def fill_core(
     ]
 
     def fill_behind(k: int) -> list[Layer]:
+        """Move what leaves a level to the middle of its room, and fill the gaps behind it."""
         mine: list[Layer] = []
         front, (gap, opposed), (moved, slivers) = fronts[k + 1], gaps[k + 1], leaving[k]
         kept[k] &= ~moved & ~slivers
@@ -215,31 +199,17 @@ def fill_core(
         return mine
 
     def fill_lost(k: int) -> list[Layer]:
+        """Make a level that is a sliver anew, from the one before it."""
         mine: list[Layer] = []
         front, gap = fronts[k], gaps[k][0]
-        following = (gap >= t / 2) & (gap < t / 2 + sliver)
-        following &= (gap >= MIDDLE_RATIO * t) | (k > 0)
+        lost = (gap >= t / 2) & (gap < t / 2 + sliver) & ((gap >= MIDDLE_RATIO * t) | (k > 0))
         for wall in thin if k == 0 else ():
-            if wall is not None and following.any():
-                following &= ~_filled(front, following, spread_room(front), wall, t)
-        if not following.any():
-            return mine
-        if k < len(sheets):
-            rows = np.flatnonzero(following)
-            feet, inward = front.feet[front.faces[rows]].mean(1), face_inward(front, rows)
-            there = sheets[k].faces[kept[k]]
-            if len(there):
-                ahead = feet + (k + 0.5) * t * inward
-                gone = distances_within(sheets[k].vertices, there, ahead, t / 2) > t / 2
-                rows, feet, inward = rows[gone], feet[gone], inward[gone]
-            moved_sheet = last[k]
-            if moved_sheet is not None and len(rows):
-                ahead = feet + (k * t + gap[rows, None] / 2) * inward
-                near = DistanceField(moved_sheet.vertices, moved_sheet.faces)
-                rows = rows[near.distances(ahead) > t / 4]
-            following = np.zeros(len(following), bool)
-            following[rows] = True
-        add_core_sheet(mine, field, front, following, spread_room(front), k * t, False, t)
+            if wall is not None and lost.any():
+                lost &= ~_filled(front, lost, spread_room(front), wall, t)
+        if lost.any() and k < len(sheets):
+            lost = _missing(front, lost, gap, sheets[k], kept[k], last[k], t)
+        if lost.any():
+            add_core_sheet(mine, field, front, lost, spread_room(front), k * t, False, t)
         return mine
 
     def fill_about(k: int) -> tuple[list[Layer], list[Layer]]:
@@ -286,6 +256,28 @@ def _filled(front: Front, chosen: Bools, room: Floats, wall: Layer, t: float) ->
     return filled
 
 
+def _missing(
+    front: Front, chosen: Bools, gap: Floats, sheet: Sheet, kept: Bools, moved: Layer | None,
+    t: float,
+) -> Bools:  # fmt: skip
+    """Find the chosen faces ahead of which the next level has neither stayed nor moved."""
+    k = front.level + 1
+    rows = np.flatnonzero(chosen)
+    feet, inward = front.feet[front.faces[rows]].mean(1), face_inward(front, rows)
+    there = sheet.faces[kept]
+    if len(there):
+        ahead = feet + (k + 0.5) * t * inward
+        gone = distances_within(sheet.vertices, there, ahead, t / 2) > t / 2
+        rows, feet, inward = rows[gone], feet[gone], inward[gone]
+    if moved is not None and len(rows):
+        ahead = feet + (k * t + gap[rows, None] / 2) * inward
+        near = DistanceField(moved.vertices, moved.faces)
+        rows = rows[near.distances(ahead) > t / 4]
+    missing = np.zeros(len(chosen), bool)
+    missing[rows] = True
+    return missing
+
+
 def _join_core(
     cores: list[Layer], sheets: list[Sheet], rooms: list[Floats], kept: list[Bools], t: float
 ) -> None:
@@ -307,89 +299,3 @@ def _join_core(
             )
         )
         kept[k][:] = False
-
-
-def _leaving(
-    fronts: Sequence[Front],
-    gaps: Sequence[tuple[Floats, Bools]],
-    all_areas: Sequence[Floats],
-    pieces: Sequence[Pieces],
-    t: float,
-    sliver: float,
-    budget: float,
-    moving: bool,
-    h: float,
-    field: DistanceField,
-    brr: DistanceField | None,
-) -> list[tuple[Bools, Bools]]:
-    """Choose the connected pieces of sheets that leave them, each as a whole.
-
-    Where all pieces of a level would leave though a deeper one stays, the one that does
-    the least harm stays too, as long as all such harm keeps within a budget.
-
-    Args:
-        fronts: The sheets with their rooms.
-        gaps: Gap behind each of their faces.
-        all_areas: Areas of their faces [mm²].
-        pieces: Their connected pieces.
-        t: Layer thickness [mm].
-        sliver: Half the width of a sliver [mm].
-        budget: Volume left open or laid twice [mm³].
-        moving: Whether pieces move; slivers leave in any case, since a grid may lose them.
-        h: Grid spacing [mm].
-        field: Distances to S.
-        brr: Distances to the restraint region, or None.
-
-    Returns:
-        For each sheet the faces of pieces that move to the middle of their room, and
-        faces of slivers, which are made anew from the layer before. What the sheet in the
-        middle of a thin wall fills counts as slivers, whatever piece it belongs to.
-    """
-    moves: list[Bools] = []
-    slivers: list[Bools] = []
-    lasting: list[tuple[float, int, int]] = []
-    deeper = False
-    for k in reversed(range(len(fronts))):
-        front, (gap, _) = fronts[k], gaps[k]
-        piece, areas = pieces[k].piece, all_areas[k]
-        total, thinly = pieces[k].areas, pieces[k].thin
-        count = len(total)
-        leaves = pieces[k].ending > MOVING_SHARE * total
-        narrow = leaves & (thinly > SLIVER_SHARE * total)
-        narrow &= total - thinly <= BESIDE_RATIO * t * t
-        small = np.flatnonzero((total < SMALL_RATIO * t * t) & ~narrow)
-        if len(small):
-            starts = np.column_stack(
-                [np.bincount(piece, areas * x, count) for x in face_middles(front).T]
-            )[small] / np.maximum(total[small, None], 1e-12)
-            low = low_pieces(starts, (k + 0.5) * t + sliver, h, field, brr)
-            narrow[small[low]] = True
-        leaves = narrow | (leaves & moving)
-        candidates = np.flatnonzero(leaves & ~narrow)
-        if deeper and leaves.all() and len(candidates):
-            lost = np.where(gap < t / 2, np.abs(gap), 0.0) / 2
-            harm = np.bincount(piece, areas * lost, count)
-            least = candidates[np.argmin(harm[candidates])]
-            lasting.append((float(harm[least]), k, int(least)))
-        deeper = deeper or not leaves.all()
-        moves.insert(0, leaves & ~narrow)
-        slivers.insert(0, narrow)
-    for harm_done, k, number in sorted(lasting):
-        budget -= harm_done
-        if budget < 0:
-            break
-        moves[k][number] = False
-    begun = False
-    for k, (gap, _) in enumerate(gaps):
-        if begun:
-            ends = np.bincount(pieces[k].piece, gap < t / 2, len(moves[k])) > 0
-            moves[k] |= ends & ~slivers[k]
-        begun = begun or bool(len(moves[k]) and (moves[k] | slivers[k]).all())
-    leaving = [
-        (move[every.piece], thin[every.piece]) for move, thin, every in zip(moves, slivers, pieces)
-    ]
-    if leaving:
-        gap, (moved, anew) = gaps[0][0], leaving[0]
-        walled = moved & (gap < t / 2) & (gap + t < MIDDLE_RATIO * t)
-        leaving[0] = moved & ~walled, anew | walled
-    return leaving

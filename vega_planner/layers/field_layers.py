@@ -9,14 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from vega_planner.datatypes import Bools, Floats, Ints, Layer, LayerStack, Part
+from vega_planner.datatypes import LayerStack, Part
 from vega_planner.errors import BadRestraint, NoLayers
 from vega_planner.layers.contour import Sheet, contour_levels
-from vega_planner.layers.core import SLIVER_RATIO, Core, fill_core, leant
+from vega_planner.layers.core import SLIVER_RATIO, Core, fill_core
 from vega_planner.layers.coverage import Samples, spread_samples
+from vega_planner.layers.depth_misses import depth_misses
 from vega_planner.layers.distance_field import DistanceField
-from vega_planner.layers.filling import Filling, fill, grown
-from vega_planner.layers.folds import folded_ears
+from vega_planner.layers.envelopes import envelopes
+from vega_planner.layers.filling import Filling, fill, fill_pockets
 from vega_planner.layers.geodesic import Sources, bend_distances, is_convex_at_region
 from vega_planner.layers.grid import Grid, finish, inside_nodes, sample_nodes, sample_part
 from vega_planner.layers.refine import refine_sheet
@@ -47,13 +48,6 @@ MOST_NODES = 12e6
 #: Small parts whose layers are off their depth are sampled again, with a grid closer by this
 #: factor, as often as this and while the grid has no more nodes than this.
 FINER, FINER_ROUNDS, FINER_NODES = 0.54, 2, 1.5e6
-
-#: Layers are off their depth if more than a share of all points is off by more than this
-#: [mm], or any vertex or centre of a face by more than these.
-OFF_MM, OFF_RATIO, MOST_VERTEX_MM, MOST_CENTRE_MM = 0.02, 0.01, 0.1, 0.25
-
-#: Faces that are measured for that, at most.
-MOST_MEASURED = 30000
 
 #: Open share of the volume above which a person is told.
 OPEN_RATIO = 0.01
@@ -151,7 +145,7 @@ class _Sampled:
         filling: The layers.
         spacing: Spacing of the grid [mm].
         warnings: What a person should know.
-        off_share: Share of the vertices and face centres off by more than `OFF_MM`.
+        off_share: Share of the vertices and face centres that are off their depth.
         missed: How many aims for the depth are missed.
     """
 
@@ -224,95 +218,8 @@ def _sampled(
         filling = min(ways, key=lambda way: way.rank)
         if filling.missed:
             even = min((way.even or way for way in ways), key=lambda way: way.harm)
-            filling = min(filling, grown(part, samples, even, t), key=lambda way: way.rank)
+            filling = min(filling, fill_pockets(part, samples, even, t), key=lambda way: way.rank)
     off_share, missed = 0.0, 0
     if _node_count(part, FINER * grid.spacing) <= FINER_NODES:
-        off_share, missed = _depth_misses(filling, field, straight)
+        off_share, missed = depth_misses(filling.layers, field, straight)
     return _Sampled(filling, grid.spacing, warnings, off_share, missed)
-
-
-def _depth_misses(filling: Filling, field: DistanceField, straight: bool) -> tuple[float, int]:
-    """Measure how far layers are off their depth.
-
-    Ways inside the part are never shorter than straight ones; where depths are not straight
-    only points that are too deep are known to be off.
-
-    Returns:
-        Share of the vertices and face centres that are off, and how many aims are missed.
-    """
-    faces = sum(len(layer.faces) for layer in filling.layers)
-    step = 1 + faces // MOST_MEASURED
-    at_vertices, at_centres = [np.zeros(1)], [np.zeros(1)]
-    for layer in filling.layers:
-        centres = layer.vertices[layer.faces[::step]].mean(1)
-        for points, found in ((layer.vertices[::step], at_vertices), (centres, at_centres)):
-            off = field.distances(points) - layer.depth_mm
-            found.append(np.abs(off) if straight else np.maximum(off, 0.0))
-    vertices, centres = np.concatenate(at_vertices), np.concatenate(at_centres)
-    share = float(np.mean(np.concatenate([vertices, centres]) > OFF_MM))
-    missed = int(share > OFF_RATIO)
-    missed += int(vertices.max() > MOST_VERTEX_MM) + int(centres.max() > MOST_CENTRE_MM)
-    return share, missed
-
-
-#: Vertices and faces of what stays of a sheet, and which vertices these are, None for all.
-_Stays = tuple[Floats, Ints, Bools | None]
-
-
-def envelopes(
-    sheets: list[Sheet], core: Core, lean: float, *, t: float, known: dict[int, list[_Stays]]
-) -> list[Layer]:
-    """Make layers of what stays of the level sets, as far as one is left.
-
-    Args:
-        sheets: The level sets.
-        core: What stays of them, and the room that each has.
-        lean: How far they lean towards laying twice.
-        t: Layer thickness [mm].
-        known: What stays by the id of a core, where it has been found; added to.
-    """
-    if id(core) not in known:
-        known[id(core)] = map_threads(
-            lambda k: kept_faces(sheets[k], core.kept[k]), range(len(sheets))
-        )
-
-    def envelope(k: int) -> Layer:
-        vertices, faces, used = known[id(core)][k]
-        thickness = leant(core.room[k], t, lean)
-        if used is not None:
-            thickness = thickness[used]
-        thickness.flags.writeable = False  # or a layer would copy it
-        return Layer(
-            index=k,
-            kind="envelope",
-            depth_mm=sheets[k].depth,
-            vertices=vertices,
-            faces=faces,
-            thickness=thickness,
-        )
-
-    layers = map_threads(envelope, range(len(sheets)))
-    while layers and len(layers[-1].faces) == 0:
-        layers.pop()
-    return layers
-
-
-def kept_faces(sheet: Sheet, kept: Bools) -> _Stays:
-    """Leave out the faces of a sheet that are not kept, and the vertices only they use."""
-    # Two open edges and the one opposite to them are all on the rim.
-    corners = sheet.rim[sheet.faces].sum(1) if sheet.rim.any() else np.zeros(0)
-    if (corners == 3).any():
-        beside = np.flatnonzero(corners >= 2)
-        ears = folded_ears(sheet.vertices, sheet.faces[beside])
-        kept = kept.copy()
-        kept[beside[ears & (corners[beside] == 3)]] = False
-    faces = sheet.faces if kept.all() else sheet.faces[kept]
-    used = np.zeros(len(sheet.vertices), bool)
-    used[faces] = True
-    if faces is not sheet.faces:
-        faces.flags.writeable = False  # or layers would copy them
-    if used.all():
-        return sheet.vertices, faces, None
-    vertices, faces = sheet.vertices[used], (np.cumsum(used) - 1)[faces]
-    vertices.flags.writeable = faces.flags.writeable = False
-    return vertices, faces, used

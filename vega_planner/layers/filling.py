@@ -175,7 +175,7 @@ def fill(
     return replace(best, even=ways[LEAN])
 
 
-def grown(part: Part, samples: Samples, way: Filling, t: float) -> Filling:
+def fill_pockets(part: Part, samples: Samples, way: Filling, t: float) -> Filling:
     """Let sheets grow towards what they leave open, until little enough is.
 
     Args:

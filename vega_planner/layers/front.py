@@ -14,7 +14,6 @@ from vega_planner.layers.distance_field import DistanceField
 from vega_planner.layers.grid import Grid
 from vega_planner.layers.subdivide import split_long_edges
 from vega_planner.parallel import map_threads
-from vega_planner.part.topology import connected_pieces
 
 #: Sheets of the core end this far from the surface, in their depth: between the corners
 #: their round ends leave open and what bulges out.
@@ -274,45 +273,6 @@ def face_gaps(front: Front, t: float) -> tuple[Floats, Bools]:
     faces = np.ascontiguousarray(front.faces, np.int64)
     kernels.average_rooms(faces, front.room, front.opposed, (front.level + 1) * t, gap, meets)
     return gap, meets
-
-
-@dataclass(frozen=True, eq=False)
-class Pieces:
-    """The connected pieces of a front.
-
-    Attributes:
-        piece: The piece each face belongs to, shape (m,).
-        areas: Area of each piece [mm²], shape (k,).
-        ending: Area of its faces behind which there is no room for a layer [mm²], shape (k,).
-        thin: Area of those of them that are slivers [mm²], shape (k,).
-        volume: What is left open or laid twice if no piece moves [mm³].
-    """
-
-    piece: Ints
-    areas: Floats
-    ending: Floats
-    thin: Floats
-    volume: float
-
-
-def front_pieces(
-    front: Front, gap: Floats, opposed: Bools, areas: Floats, t: float, sliver: float, wide: float
-) -> Pieces:
-    """Find the connected pieces of a front.
-
-    Args:
-        front: The front.
-        gap: Gap behind each face [mm], shape (m,).
-        opposed: Whether fronts meet there, shape (m,).
-        areas: Areas of the faces [mm²], shape (m,).
-        t: Layer thickness [mm].
-        sliver: Half the width of a sliver [mm].
-        wide: Half width of gaps from which they get a sheet of their own [mm].
-    """
-    piece, count = connected_pieces(len(front.vertices), front.faces)
-    weights = np.zeros((3, count))
-    volume = kernels.weigh_pieces(piece, areas, gap, opposed, t, sliver, wide, weights)
-    return Pieces(piece, *weights, volume)
 
 
 def spread_room(front: Front) -> Floats:

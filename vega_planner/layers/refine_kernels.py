@@ -7,11 +7,11 @@ from __future__ import annotations
 import numpy as np
 
 from vega_planner.compiled import inner_kernel, kernel
+from vega_planner.layers.rim_kernels import settle_rim
 from vega_planner.layers.triangle_kernels import closest, walk, walk_from
 from vega_planner.layers.vertex_kernels import (
     clear_about,
     nearest_about,
-    settle_rim,
     walk_sheet,
 )
 
