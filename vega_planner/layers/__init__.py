@@ -5,6 +5,17 @@
   default.
 - `minkowski_layers`: the paper's equations with boolean operations, literal and slow.
 - `planar_layers`: flat slices, the baseline.
+
+The way through the default engine, file by file:
+
+1. `grid` holds the distance to S (`distance_field`), `geodesic` bends it inside the part.
+2. `contour` draws the level sets, `summits` adds the last ones that a grid misses.
+3. `refine`, `settle` and `tidy` put their vertices and faces onto the level.
+4. `front` measures the room before the fronts meet; `leaving` chooses what leaves the
+   levels, and `core` makes sheets of it (`carry`, `core_sheet`).
+5. `envelopes` makes layers of what stays; `filling` chooses how well all of it fills the
+   part (`coverage`) and improves on that (`mitre`, `growth`).
+6. `depth_misses` tells whether a closer grid is called for.
 """
 
 from __future__ import annotations
@@ -38,6 +49,7 @@ def generate_layers(
 
     Raises:
         InvalidInput: If the engine is unknown.
+        BadRestraint: If the restraint region is the whole surface.
         NoLayers: If the part yields no layer.
     """
     if settings.engine == "field":
