@@ -68,3 +68,12 @@ def test_looking_only_at_what_was_left_open_tells_the_same_of_thicker_sheets(par
     assert 0 < len(anew.open_nodes) < len(thin.open_nodes)
     assert np.array_equal(after.open_nodes, anew.open_nodes)
     assert (after.uncovered, after.overfill) == (anew.uncovered, anew.overfill)
+
+
+def test_the_samples_about_a_place_are_those_within_a_distance_along_each_axis(part, samples):
+    places = part.bounds[0] + np.array([[5.0, 4.0, 2.0], [8.0, 2.0, 5.2]])
+    found = samples.about(places, 0.5)
+    away = np.abs((points_of(samples, samples.nodes)[:, None] - places) @ AXES).max(2).min(1)
+    inside = set(found.tolist())
+    assert set(samples.nodes[away <= 0.5].tolist()) <= inside
+    assert inside <= set(samples.nodes[away <= 0.5 + 1.5 * samples.spacing].tolist())

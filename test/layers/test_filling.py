@@ -48,6 +48,23 @@ def test_a_part_with_thin_walls_is_filled_and_no_wall_is_laid_twice(vessel, wall
     assert stack.overfill_ratio <= 0.02
 
 
+@pytest.mark.parametrize("wall", [1.2, 2.0, 2.5])
+def test_what_is_said_to_stay_open_does(wall):
+    """Near the limit a few points tell too little: random ones find no more open."""
+    part = part_of(tee(wall), base)
+    stack = generate_layers(part, SETTINGS)
+    points = np.random.default_rng(3).uniform([0, 0, 0], [20, 15, 18], (400000, 3))
+    x, _, z = points.T
+    points = points[(z < wall) | ((x > 8) & (x < 8 + wall))] + part.bounds[0]
+    covered = np.zeros(len(points), bool)
+    for sheet in stack.sheets:
+        found = DistanceField(sheet.vertices, sheet.faces).nearest(points)
+        half = sheet.thickness[sheet.faces].mean(1) / 2
+        covered |= found.distances <= half[found.faces] + 1e-6
+    assert 1 - covered.mean() <= 0.0052
+    assert 1 - covered.mean() == pytest.approx(stack.uncovered_ratio, abs=8e-4)
+
+
 def test_the_square_ends_of_a_thin_wall_are_covered():
     part = box(20, 0.8, 15)
     core = generate_layers(part, SETTINGS).cores[0]

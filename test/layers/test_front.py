@@ -6,11 +6,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vega_planner.layers.core_kernels import OPEN, OPPOSED, REGION
+from vega_planner.layers.core_kernels import NEARER, OPEN, OPPOSED, REGION
 from vega_planner.layers.distance_field import DistanceField
 from vega_planner.layers.front import measure_rooms
+from vega_planner.layers.grid import depths_about, sample_part
+from vega_planner.layers.grid_kernels import INSIDE
+from vega_planner.progress import silent
 
-from .shapes import Solid, box
+from .shapes import Solid, box, part_of
 
 
 def field_of(solid):
@@ -56,3 +59,45 @@ def test_before_the_restraint_region_the_whole_way_is_free():
     )
     assert kind.tolist() == [REGION]
     assert room[0] == pytest.approx(2.0, abs=1e-4)
+
+
+def knobby():
+    """A flat ball with bumps."""
+
+    def bump(p):
+        return p * (1 + 0.1 * np.sin(4 * p[:, :1]) * np.cos(5 * p[:, 1:2] + 3 * p[:, 2:]))
+
+    return part_of(Solid.sphere(1, 80).warp_batch(bump).scale((14, 12, 4)))
+
+
+def test_the_room_is_the_same_where_a_grid_tells_sooner_what_is_near():
+    part = knobby()
+    field = DistanceField.of_part(part)
+    grid = sample_part(part, field, 0.5, silent)
+    middles, inward = part.vertices[part.faces].mean(1), -part.face_normals
+    feet = middles + 1e-6 * inward
+    plain, kind = measure_rooms(field, None, feet, inward, 5.0)
+    room, kind_again = measure_rooms(field, None, feet, inward, 5.0, grid=grid)
+    both = np.isfinite(plain) & np.isfinite(room)
+    assert both.sum() > 200
+    assert (kind == kind_again).mean() > 0.98
+    assert np.quantile(np.abs(room - plain)[both], 0.95) < NEARER * 5.0
+
+
+def test_the_nodes_about_a_point_tell_its_depth():
+    part = knobby()
+    field = DistanceField.of_part(part)
+    grid = sample_part(part, field, 0.5, silent)
+    low, high = part.bounds
+    points = np.random.default_rng(4).uniform(low, high, (20000, 3))
+    depth = depths_about(grid, field, points)
+    exact = field.distances(points)
+    inner = (grid.state == INSIDE)[
+        np.ravel_multi_index(
+            np.rint((points - grid.origin) / grid.spacing).astype(np.int64).T, grid.shape
+        )
+    ]
+    off = depth[inner] - exact[inner]
+    assert inner.sum() > 5000
+    assert off.min() > -1e-9
+    assert (off < 1e-6).mean() > 0.999

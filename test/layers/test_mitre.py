@@ -26,7 +26,7 @@ def sheet(mesh: trimesh.Trimesh, length: float = 0.5, thickness: float = T) -> L
 
 
 def mitred(layer: Layer, t: float, field: DistanceField | None = None) -> Layer:
-    return find_strips(layer, t, field).on(layer, t)
+    return find_strips(layer, t, field.distances if field else None).on(layer, t)
 
 
 def as_mesh(layer: Layer) -> trimesh.Trimesh:

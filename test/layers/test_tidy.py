@@ -4,7 +4,14 @@
 import numpy as np
 import pytest
 
-from vega_planner.layers.tidy import _zipped
+from vega_planner.layers import generate_layers
+from vega_planner.layers.contour import Sheet
+from vega_planner.layers.distance_field import DistanceField
+from vega_planner.layers.geodesic import Sources
+from vega_planner.layers.tidy import _zipped, tidy_sheet
+from vega_planner.settings import LayerSettings
+
+from .shapes import Solid, base, part_of
 
 #: Two halves of a square that meet along y = 0, where the middle is there twice (1 and 3).
 POINTS = np.array(
@@ -77,3 +84,47 @@ def test_a_fin_in_a_slit_goes_and_the_slit_closes():
     assert {tuple(edge) for edge in outline} == {(3, 4), (3, 6), (4, 5), (5, 6)}
     assert most == 2
     assert len(left) == 4
+
+
+def heights(points, faces):
+    corners = points[faces]
+    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(1)
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return np.linalg.norm(cross, axis=1) / sides
+
+
+def area(points, faces):
+    corners = points[faces]
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return np.linalg.norm(cross, axis=1).sum() / 2
+
+
+@pytest.mark.parametrize("places", [(1, 2), (2, 1), (1, 1.5), (0.5, 2.5), (1.5, 1.5)])
+def test_faces_on_one_line_are_turned_out_of_a_flat_sheet(places):
+    """Two faces without area lie between two halves of a square, back to back."""
+    c, d = places
+    points = np.array(
+        [[0, 0, 1], [3, 0, 1], [c, 0, 1], [d, 0, 1], [1.5, 2, 1], [1.5, -2, 1]], dtype=np.float64
+    )
+    faces = np.array([[0, 2, 4], [2, 1, 4], [1, 3, 5], [3, 0, 5], [2, 0, 1], [0, 3, 1]])
+    ground = DistanceField(
+        np.array([[-9, -9, 0], [9, -9, 0], [0, 18, 0]], np.float64), np.array([[0, 1, 2]])
+    )
+    sheet = Sheet(
+        1.0, points, faces, np.zeros(6, np.int64), np.zeros(6, bool), np.tile([0.0, 0, 1], (6, 1))
+    )
+    tidied = tidy_sheet(sheet, Sources.straight(ground), 0.8)
+    assert heights(tidied.vertices, tidied.faces).min() > 0.1
+    assert area(tidied.vertices, tidied.faces) == pytest.approx(6.0)
+    outline, most = open_edges(tidied.faces)
+    assert most == 2
+    assert len(outline) == 4
+
+
+def test_few_faces_of_a_part_with_straight_edges_have_no_area():
+    """Middles of edges are put onto creases, where three of them lie on a line."""
+    inside = Solid.cube((14, 8, 12)).translate((3, 3, 3))
+    part = part_of(Solid.cube((20, 14, 10)) - inside, base)
+    sheets = generate_layers(part, LayerSettings(thickness_mm=0.8)).sheets
+    flat = np.concatenate([heights(sheet.vertices, sheet.faces) < 1e-4 for sheet in sheets])
+    assert flat.mean() < 0.002

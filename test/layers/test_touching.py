@@ -6,7 +6,7 @@ import pytest
 
 from vega_planner.layers import generate_layers
 from vega_planner.layers.distance_field import DistanceField
-from vega_planner.layers.touching import parted
+from vega_planner.layers.touching import fans_parted, parted
 from vega_planner.part.topology import edge_census
 from vega_planner.settings import LayerSettings
 
@@ -110,3 +110,54 @@ def test_a_surface_without_such_edges_stays_as_it_is():
     result, copied = parted(CUBE, np.ones(8, bool))
     np.testing.assert_array_equal(result, CUBE)
     assert len(copied) == 0
+
+
+def fans(faces: np.ndarray, v: int) -> int:
+    """Count the fans of faces round a vertex: faces that share an edge there hang together."""
+    rings = [set(face.tolist()) - {v} for face in faces if v in face]
+    count = 0
+    while rings:
+        count += 1
+        fan = rings.pop()
+        while beside := [ring for ring in rings if ring & fan]:
+            fan |= set().union(*beside)
+            rings = [ring for ring in rings if ring not in beside]
+    return count
+
+
+def wheel(middle: int, first: int, count: int) -> list[list[int]]:
+    return [[middle, first + k, first + (k + 1) % count] for k in range(count)]
+
+
+@pytest.mark.parametrize("open_fans", [0, 1, 2, 3])
+@pytest.mark.parametrize("closed_fans", [0, 1, 2])
+def test_fans_that_share_a_vertex_alone_are_parted(open_fans, closed_fans):
+    rows: list[list[int]] = []
+    for k in range(closed_fans):
+        rows += wheel(0, 1 + 10 * k, 4 + k)
+    for k in range(open_fans):
+        rows += wheel(0, 51 + 10 * k, 5)[: 1 + k]
+    if not rows:
+        return
+    faces = np.random.default_rng(2).permutation(np.array(rows))
+    result, copied = fans_parted(faces, np.arange(100) == 0)
+    assert len(copied) == open_fans + closed_fans - 1
+    assert (copied == 0).all()
+    np.testing.assert_array_equal(np.append(np.arange(100), copied)[result], faces)
+    assert all(fans(result, v) == 1 for v in (0, *range(100, 100 + len(copied))))
+    np.testing.assert_array_equal(fans_parted(faces, np.zeros(100, bool))[0], faces)
+
+
+@pytest.mark.parametrize("restrain", [base, None], ids=["on its base", "all round"])
+def test_what_stays_of_a_sheet_nowhere_hangs_together_at_one_vertex(restrain):
+    """Along a ring of unequal thickness pieces of the last levels move into the core."""
+    ring = Solid.revolve(Solid.sphere(4, 32).slice(0).translate((9, 0)), 64)
+    stack = generate_layers(part_of(ring, restrain), LayerSettings(thickness_mm=0.75))
+    assert stack.cores
+    for sheet in stack.sheets:
+        use = np.bincount(sheet.faces.ravel(), minlength=len(sheet.vertices))
+        assert use.min(initial=1) > 0
+        rim = np.unique(rim_of(sheet))
+        order = np.argsort(sheet.faces.ravel(), kind="stable")
+        around = np.split(order // 3, np.cumsum(use)[:-1])
+        assert all(fans(sheet.faces[around[v]], v) == 1 for v in rim)

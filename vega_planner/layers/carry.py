@@ -70,7 +70,8 @@ def carried_room(
         reach = total[new] / count[new]
         depth = _depths(front, new, reach, field)
         beyond = front.feet[new] + BEYOND * reach[:, None] * front.inward[new]
-        corner = (depth < NEAR * reach) & (field.distances(beyond) < SHALLOW * reach)
+        shallow = np.isfinite(field.nearest(beyond, SHALLOW * reach).distances)
+        corner = (depth < NEAR * reach) & shallow
         own = (depth >= NEAR * reach) & (depth < FAR * reach)
         value = np.where(own, depth, reach)
         keep = corner | own
@@ -90,6 +91,6 @@ def _depths(front: Front, rows: Ints, reach: Floats, field: DistanceField) -> Fl
     for _ in range(HALVINGS):
         depth = (low + high) / 2
         points = front.feet[rows] + depth[:, None] * front.inward[rows]
-        runs = field.distances(points) > depth - OFF_MM
+        runs = np.isinf(field.nearest(points, depth - OFF_MM).distances)
         low, high = np.where(runs, depth, low), np.where(runs, high, depth)
     return low

@@ -336,9 +336,19 @@ def make_vertices(
                         hint = sheets[0]
                         fx, fy, fz = 0.0, 0.0, 0.0
                         know_foot = False
-                        if beyond == 0 and kinds == 1:
+                        # Least cosine between the gradients of the nodes that count.
+                        spread = 1.0
+                        for q in range(1, kinds):
+                            for p in range(q):
+                                spread = min(
+                                    spread,
+                                    normals[q, 0] * normals[p, 0]
+                                    + normals[q, 1] * normals[p, 1]
+                                    + normals[q, 2] * normals[p, 2],
+                                )
+                        if beyond == 0 and spread > SAME_SHEET:
                             # Least cosine between the sheet and any other in the cell.
-                            least = 1.0
+                            least = spread
                             for c in range(8):
                                 m = n + corner_step[c]
                                 if slot[m] >= 0:

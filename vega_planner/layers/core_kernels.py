@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vega_planner.compiled import kernel
+from vega_planner.compiled import inner_kernel, kernel
 from vega_planner.layers.grid_kernels import INSIDE
 from vega_planner.layers.tree_kernels import first_hit, nearest
 from vega_planner.layers.triangle_kernels import closest
@@ -24,7 +24,7 @@ AHEAD, FARTHER = 0.4, 1.15
 
 #: Times the ball between two fronts shrinks at most, how much nearer another point must
 #: be for it to shrink, and the least room that counts, in the limit.
-SHRINKS, NEARER, LEAST = 8, 0.004, 0.1
+SHRINKS, NEARER, LEAST = 10, 0.004, 0.1
 
 #: Where a front from aside ends it this little before it would meet the opposed one, the
 #: room is that of the opposed one.
@@ -66,10 +66,23 @@ def mark_last(
             out[i] = 0
 
 
+@inner_kernel
+def slot_at(slot, origin, h, shape, x, y, z):
+    """Return what is nearest to the node of a grid next to a point; -1 outside."""
+    if len(slot) == 0:
+        return -1
+    i = int(np.floor((x - origin[0]) / h + 0.5))
+    j = int(np.floor((y - origin[1]) / h + 0.5))
+    k = int(np.floor((z - origin[2]) / h + 0.5))
+    if i < 0 or j < 0 or k < 0 or i >= shape[0] or j >= shape[1] or k >= shape[2]:
+        return -1
+    return np.int64(slot[(i * shape[1] + j) * shape[2] + k])
+
+
 @kernel
 def measure_room(
-    tri, box, brr_tri, brr_box, feet, inward, free_from, beside_from, limit, first, last, room,
-    kind,
+    tri, box, brr_tri, brr_box, slot, origin, h, shape, feet, inward, free_from, beside_from,
+    limit, first, last, room, kind,
 ):  # fmt: skip
     """Measure how far from its foot on S a front runs before it meets another.
 
@@ -82,6 +95,11 @@ def measure_room(
     Args:
         tri: Triangle rows of S, with `box`.
         brr_tri: Triangle rows of the restraint region, with `brr_box`.
+        slot: Nearest triangle at the nodes of a grid, in which a ball looks first; may be
+            empty.
+        origin: First node of the grid [mm].
+        h: Spacing of the grid [mm].
+        shape: Nodes along each axis, (3,).
         feet: Points of S, (n, 3).
         inward: Unit vectors into the part, (n, 3).
         free_from: Depth up to which nothing ends a front [mm].
@@ -130,12 +148,20 @@ def measure_room(
         for _ in range(SHRINKS if found == OPEN else 0):
             cx, cy, cz = feet[i, 0] + free * nx, feet[i, 1] + free * ny, feet[i, 2] + free * nz
             bound = (free * (1.0 - NEARER)) ** 2
-            q, _ = nearest(tri, box, cx, cy, cz, s, bound, stack, lower)
-            if q < 0:
-                break
-            _, qx, qy, qz = closest(tri, q, cx, cy, cz)
-            qx, qy, qz = qx - feet[i, 0], qy - feet[i, 1], qz - feet[i, 2]
-            along = qx * nx + qy * ny + qz * nz
+            along, qx, qy, qz = -1.0, 0.0, 0.0, 0.0
+            q = slot_at(slot, origin, h, shape, cx, cy, cz)
+            if 0 <= q < len(tri):
+                d2, qx, qy, qz = closest(tri, q, cx, cy, cz)
+                qx, qy, qz = qx - feet[i, 0], qy - feet[i, 1], qz - feet[i, 2]
+                if d2 < bound:
+                    along = qx * nx + qy * ny + qz * nz
+            if along <= 0.0:
+                q, _ = nearest(tri, box, cx, cy, cz, s, bound, stack, lower)
+                if q < 0:
+                    break
+                _, qx, qy, qz = closest(tri, q, cx, cy, cz)
+                qx, qy, qz = qx - feet[i, 0], qy - feet[i, 1], qz - feet[i, 2]
+                along = qx * nx + qy * ny + qz * nz
             if along <= 0.0:
                 facing = -1.0
                 break

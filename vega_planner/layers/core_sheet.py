@@ -8,6 +8,7 @@ import numpy as np
 from vega_planner.datatypes import Bools, Floats, Ints, Layer
 from vega_planner.layers.distance_field import DistanceField
 from vega_planner.layers.front import END_RATIO, Front
+from vega_planner.layers.touching import fans_parted
 from vega_planner.part.topology import connected_pieces
 
 #: Pieces of the core below this area, in t², are left out.
@@ -76,7 +77,9 @@ def add_core_sheet(
     faces = _without_crumbs(points, _without_slivers(points, faces), CRUMB_RATIO * t * t)
     if len(faces) == 0:
         return None
+    faces, copied = fans_parted(faces, np.ones(len(points), bool))
     used, numbers = np.unique(faces, return_inverse=True)
+    used = np.append(np.arange(len(points)), copied)[used]
     sheet = Layer(
         index=len(cores),
         kind="core",

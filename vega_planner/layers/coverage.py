@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -41,6 +42,23 @@ class Samples:
         """Give the places of points [mm], shape (k, 3)."""
         steps = np.column_stack(np.unravel_index(nodes, self.shape))
         return np.asarray((self.origin + self.spacing * steps) @ AXES.T)
+
+    def about(self, places: Floats, reach: float) -> Ints:
+        """Choose the points that are within a distance of places, along each axis.
+
+        Args:
+            places: The places [mm], shape (k, 3).
+            reach: The distance [mm].
+
+        Returns:
+            Those points, as flat indices.
+        """
+        middle = np.rint((places @ AXES - self.origin) / self.spacing).astype(np.int64)
+        steps = range(-int(np.ceil(reach / self.spacing)), int(np.ceil(reach / self.spacing)) + 1)
+        chosen = np.zeros(self.shape, bool)
+        for step in product(steps, repeat=3):
+            chosen[tuple(np.clip(middle + step, 0, np.array(self.shape) - 1).T)] = True
+        return self.nodes[chosen.flat[self.nodes]]
 
 
 @dataclass(frozen=True, eq=False)

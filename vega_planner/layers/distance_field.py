@@ -13,8 +13,8 @@ from vega_planner.layers import tree_kernels as trees
 from vega_planner.layers import triangle_kernels as triangles
 from vega_planner.parallel import map_threads
 
-#: Points answered by one piece of work; a power of two keeps neighbours together.
-_CHUNK = 256
+#: Points answered by one piece of work, at most and where there are few.
+_CHUNK, _FEW = 256, 32
 
 #: Subtrees that threads sort, and leaves from which on that pays.
 _SUBTREES, _MANY = 8, 1024
@@ -66,8 +66,7 @@ class DistanceField:
         while leaves * trees.LEAF < len(faces):
             leaves *= 2
         self.faces: Ints = _sorted(trees.triangle_middles(vertices, faces), leaves)
-        self.tri = triangles.triangle_rows(vertices, faces, self.faces)
-        self.box = trees.box_tree(self.tri, leaves)
+        self.tri, self.box = _bounded(vertices, faces, self.faces, leaves)
         self._vertices = vertices
         self._mesh_faces = faces
         self._rings: tuple[Ints, Ints, Ints] | None = None
@@ -101,14 +100,16 @@ class DistanceField:
         slot = np.zeros(count, np.int64)
         distance = np.zeros(count)
         foot = np.zeros((count, 3))
+        # Few points are shared out, too: deep inside, each of them takes long.
+        chunk = min(_CHUNK, max(count // 4, _FEW))
 
         def answer(first: int) -> None:
-            last = min(first + _CHUNK, count)
+            last = min(first + chunk, count)
             trees.nearest_many(
                 self.tri, self.box, points, reach, first, last, slot, distance, foot
             )
 
-        map_threads(answer, range(0, count, _CHUNK))
+        map_threads(answer, range(0, count, chunk))
         return NearestPoints(distance, foot, np.where(slot >= 0, self.faces[slot], -1))
 
     def distances(self, points: Floats) -> Floats:
@@ -181,13 +182,34 @@ def distances_within(vertices: Floats, faces: Ints, points: Floats, reach: float
     return found
 
 
+def _subtree(leaves: int) -> int:
+    """Leaves of the subtrees that threads work on; all of them where there are few."""
+    return leaves // _SUBTREES if leaves >= _MANY else leaves
+
+
 def _sorted(middles: Floats, leaves: int) -> Ints:
     """Order triangles so that each leaf of the tree holds neighbours; shuffles the middles."""
     order = np.arange(len(middles))
-    subtree = leaves // _SUBTREES if leaves >= _MANY else leaves
+    subtree = _subtree(leaves)
     trees.sort_leaves(middles, order, leaves, 0, leaves, subtree)
     map_threads(
         lambda first: trees.sort_leaves(middles, order, leaves, first, first + subtree, 1),
         range(0, leaves, subtree),
     )
     return order
+
+
+def _bounded(vertices: Floats, faces: Ints, order: Ints, leaves: int) -> tuple[Floats, Floats]:
+    """Lay out the rows of the triangles, and bound them box by box."""
+    count, subtree = len(order), _subtree(leaves)
+    tri, box = np.zeros((count, 16)), np.zeros((2 * leaves - 1, 11))
+
+    def bound(first: int) -> None:
+        last = first + subtree
+        rows = first * count // leaves, last * count // leaves
+        triangles.lay_rows(vertices, faces, order, *rows, tri)
+        trees.bound_boxes(tri, leaves, subtree, 1, first, last, box)
+
+    map_threads(bound, range(0, leaves, subtree))
+    trees.bound_boxes(tri, leaves, leaves, 2 * subtree, 0, leaves, box)
+    return tri, box

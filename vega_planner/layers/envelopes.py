@@ -9,10 +9,11 @@ from vega_planner.datatypes import Bools, Floats, Ints, Layer
 from vega_planner.layers.contour import Sheet
 from vega_planner.layers.core import Core, leant
 from vega_planner.layers.folds import folded_ears
+from vega_planner.layers.touching import fans_parted
 from vega_planner.parallel import map_threads
 
 #: Vertices and faces of what stays of a sheet, and which vertices these are, None for all.
-_Stays = tuple[Floats, Ints, Bools | None]
+_Stays = tuple[Floats, Ints, Ints | None]
 
 
 def envelopes(
@@ -36,10 +37,10 @@ def envelopes(
         )
 
     def envelope(k: int) -> Layer:
-        vertices, faces, used = known[id(core)][k]
+        vertices, faces, rows = known[id(core)][k]
         thickness = leant(core.room[k], t, lean)
-        if used is not None:
-            thickness = thickness[used]
+        if rows is not None:
+            thickness = thickness[rows]
         thickness.flags.writeable = False  # or a layer would copy it
         return Layer(
             index=k,
@@ -73,13 +74,19 @@ def kept_faces(sheet: Sheet, kept: Bools) -> _Stays:
         ears = folded_ears(sheet.vertices, sheet.faces[beside])
         kept = kept.copy()
         kept[beside[ears & (corners[beside] == 3)]] = False
-    faces = sheet.faces if kept.all() else sheet.faces[kept]
-    used = np.zeros(len(sheet.vertices), bool)
-    used[faces] = True
-    if faces is not sheet.faces:
+    if kept.all():
+        faces, rows = sheet.faces, np.arange(len(sheet.vertices))
+    else:
+        at_cut = np.zeros(len(sheet.vertices), bool)
+        at_cut[sheet.faces[~kept]] = True
+        faces, copied = fans_parted(sheet.faces[kept], at_cut)
+        rows = np.append(np.arange(len(sheet.vertices)), copied)
         faces.flags.writeable = False  # or layers would copy them
-    if used.all():
+    used = np.zeros(len(rows), bool)
+    used[faces] = True
+    if used.all() and len(rows) == len(sheet.vertices):
         return sheet.vertices, faces, None
-    vertices, faces = sheet.vertices[used], (np.cumsum(used) - 1)[faces]
+    rows = rows[used]
+    vertices, faces = sheet.vertices[rows], (np.cumsum(used) - 1)[faces]
     vertices.flags.writeable = faces.flags.writeable = False
-    return vertices, faces, used
+    return vertices, faces, rows

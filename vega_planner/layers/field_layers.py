@@ -19,7 +19,14 @@ from vega_planner.layers.distance_field import DistanceField
 from vega_planner.layers.envelopes import envelopes
 from vega_planner.layers.filling import Filling, fill, fill_pockets
 from vega_planner.layers.geodesic import Sources, bend_distances, is_convex_at_region
-from vega_planner.layers.grid import Grid, finish, inside_nodes, sample_nodes, sample_part
+from vega_planner.layers.grid import (
+    Grid,
+    depths_about,
+    finish,
+    inside_nodes,
+    sample_nodes,
+    sample_part,
+)
 from vega_planner.layers.refine import refine_sheet
 from vega_planner.layers.settle import settle_sheet
 from vega_planner.layers.summits import with_summits
@@ -28,15 +35,19 @@ from vega_planner.parallel import map_threads
 from vega_planner.progress import Report
 from vega_planner.settings import LayerSettings
 
-#: Spacing of the grid, in t.
+#: Spacing of the grid, in t; at most, for parts with many layers to which it makes no odds,
+#: and how many vertices such a part has before refinement.
 SPACING_RATIO = 0.65
+WIDE_SPACING_RATIO = 0.78
+COMFORTABLE_VERTICES = 1.2e5
 
 #: Spacing where walls are thin and finely shaped, in t: with gaps and ribs narrower than
 #: the grid, coarser cells hold more sheets than they can tell apart.
 THIN_SPACING_RATIO = 0.45
 
-#: Walls are thin below this mean thickness, and finely shaped below this size of faces, in t.
-THIN_RATIO, FINE_RATIO = 3.0, 1.5
+#: Walls are thin below this mean thickness, and finely shaped below this size of faces, in t;
+#: they are thick above another.
+THIN_RATIO, FINE_RATIO, THICK_RATIO = 3.0, 1.5, 8.0
 
 #: Gaps narrower than the grid matter where more than this share of its nodes is beside one.
 GAP_SHARE = 0.002
@@ -45,9 +56,12 @@ GAP_SHARE = 0.002
 MOST_VERTICES = 3e6
 MOST_NODES = 12e6
 
-#: Small parts whose layers are off their depth are sampled again, with a grid closer by this
-#: factor, as often as this and while the grid has no more nodes than this.
-FINER, FINER_ROUNDS, FINER_NODES = 0.54, 2, 1.5e6
+#: Small parts whose layers are off their depth, or fill them badly, are sampled again, with a
+#: grid closer by this factor, as often as this and while it has no more nodes than this.
+FINER, FINER_ROUNDS, FINER_NODES = 0.56, 2, 1.5e6
+
+#: Points that tell how well such a part is filled where more than this share stays open.
+CLOSE_SAMPLES, NEAR_RATIO = 150000, 0.0032
 
 #: Open share of the volume above which a person is told.
 OPEN_RATIO = 0.01
@@ -56,9 +70,10 @@ OPEN_RATIO = 0.01
 def grid_spacing(part: Part, t: float, gaps: bool = False) -> float:
     """Choose the spacing h of the grid [mm].
 
-    About two nodes to a layer, closer where walls are thin and finely shaped; farther apart
-    for a part so large that its layers would have more than `MOST_VERTICES` vertices or its
-    grid more than `MOST_NODES` nodes.
+    About three nodes to two layers, closer where walls are thin and finely shaped; a little
+    farther apart where they are thick and many layers follow each other, and as far as need
+    be for a part so large that its layers would have more than `MOST_VERTICES` vertices or
+    its grid more than `MOST_NODES` nodes.
 
     Args:
         part: The part.
@@ -67,12 +82,19 @@ def grid_spacing(part: Part, t: float, gaps: bool = False) -> float:
     """
     area = float(part.face_areas[~part.restrained].sum())
     faces = int((~part.restrained).sum())
-    thin = 2 * part.volume < THIN_RATIO * t * area
+    thickness = 2 * part.volume / area
     fine = area < faces * (FINE_RATIO * t) ** 2
-    ratio = THIN_SPACING_RATIO if gaps or (thin and fine) else SPACING_RATIO
-    by_vertices = (1.5 * part.volume / (t * MOST_VERTICES)) ** (1 / 2)
+
+    def for_vertices(most: float) -> float:
+        return float(1.5 * part.volume / (t * most)) ** (1 / 2)
+
+    ratio = SPACING_RATIO
+    if gaps or (thickness < THIN_RATIO * t and fine):
+        ratio = THIN_SPACING_RATIO
+    elif thickness > THICK_RATIO * t:
+        ratio = min(max(for_vertices(COMFORTABLE_VERTICES) / t, ratio), WIDE_SPACING_RATIO)
     by_nodes = (float(np.prod(np.ptp(part.bounds, axis=0))) / MOST_NODES) ** (1 / 3)
-    return max(ratio * t, by_vertices, by_nodes)
+    return max(ratio * t, for_vertices(MOST_VERTICES), by_nodes)
 
 
 def field_layers(part: Part, settings: LayerSettings, report: Report) -> LayerStack:
@@ -114,14 +136,11 @@ def field_layers(part: Part, settings: LayerSettings, report: Report) -> LayerSt
     best = _sampled(part, settings, field, brr, grid, samples, report)
     for _ in range(FINER_ROUNDS):
         spacing = FINER * min(spacing, best.spacing)
-        if _node_count(part, spacing) > FINER_NODES or not best.missed:
+        if _node_count(part, spacing) > FINER_NODES or not best.aims_missed:
             break
         grid = sample_part(part, field, spacing, report)
-        best = min(
-            best,
-            _sampled(part, settings, field, brr, grid, samples, report),
-            key=lambda way: (way.missed + (way.filling.missed > 0), way.off_share),
-        )
+        finer = _sampled(part, settings, field, brr, grid, samples, report)
+        best = min(best, finer, key=lambda way: way.rank)
     filling, warnings = best.filling, best.warnings
     if filling.uncovered > OPEN_RATIO:
         warnings += (f"{filling.uncovered:.1%} of the volume is covered by no layer",)
@@ -146,14 +165,24 @@ class _Sampled:
         spacing: Spacing of the grid [mm].
         warnings: What a person should know.
         off_share: Share of the vertices and face centres that are off their depth.
-        missed: How many aims for the depth are missed.
+        depths_missed: How many aims for the depth are missed.
     """
 
     filling: Filling
     spacing: float
     warnings: tuple[str, ...]
     off_share: float
-    missed: int
+    depths_missed: int
+
+    @property
+    def aims_missed(self) -> int:
+        """How many aims are missed, that for the filling among them."""
+        return self.depths_missed + (self.filling.missed > 0)
+
+    @property
+    def rank(self) -> tuple[float, ...]:
+        """How many aims are missed, then how far off filling and depths are; less is better."""
+        return self.aims_missed, self.filling.missed, self.off_share
 
 
 def _node_count(part: Part, h: float) -> float:
@@ -210,16 +239,22 @@ def _sampled(
         if not any(kept.any() for kept in ways[0].kept) and not ways[0].cores:
             raise NoLayers(f"no layer of t = {t:g} mm fits into part '{part.name}'")
         made = partial(envelopes, sheets, t=t, known={})
-        return fill(part, samples, ways, made, field, t, straight, settings.fill_core)
+        depths = partial(depths_about, grid, field) if straight else None
+        return fill(part, samples, ways, made, depths, t, settings.fill_core)
 
+    small = _node_count(part, FINER * grid_spacing(part, t)) <= FINER_NODES
     filling = filled(carried=True)
+    if small and filling.uncovered > NEAR_RATIO:
+        samples = spread_samples(part, CLOSE_SAMPLES)
+        filling = filling.measured(part, samples)
     if settings.fill_core and filling.missed:
         ways = [filling, filled(carried=False)]
         filling = min(ways, key=lambda way: way.rank)
         if filling.missed:
-            even = min((way.even or way for way in ways), key=lambda way: way.harm)
-            filling = min(filling, fill_pockets(part, samples, even, t), key=lambda way: way.rank)
+            even = min((way.even or way for way in ways), key=lambda way: way.hope)
+            grown = fill_pockets(part, samples, even.measured(part, samples), t)
+            filling = min(filling, grown, key=lambda way: way.rank)
     off_share, missed = 0.0, 0
-    if _node_count(part, FINER * grid.spacing) <= FINER_NODES:
+    if small:
         off_share, missed = depth_misses(filling.layers, field, straight)
     return _Sampled(filling, grid.spacing, warnings, off_share, missed)

@@ -14,16 +14,15 @@ from dataclasses import dataclass, replace
 from vega_planner.datatypes import Layer, Part
 from vega_planner.layers.core import LEAN, Core
 from vega_planner.layers.coverage import Coverage, Samples, measure_coverage, spread_samples
-from vega_planner.layers.distance_field import DistanceField
 from vega_planner.layers.growth import Gaps
-from vega_planner.layers.mitre import Strips, find_strips
+from vega_planner.layers.mitre import Depths, Strips, find_strips
 from vega_planner.parallel import map_threads
 
 #: How far the facets of two sheets are apart at most between their vertices, on average [mm].
 FACETS_MM = 0.003
 
 #: Open share of the volume above which something is done about it.
-FILLED_RATIO = 0.0034
+FILLED_RATIO = 0.004
 
 #: Aims for what stays open and for what is laid twice.
 OPEN_AIM, FULL_AIM = 0.0045, 0.0197
@@ -43,6 +42,9 @@ GROWTH_WEIGHTS = (1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0)
 #: Spacing of the points that sheets grow towards, at best and at most, in t; how many are
 #: affordable where both aims may be met, and where the one for what is laid twice is missed.
 GROWTH_RATIO, WIDEST_RATIO, MOST_SAMPLES, FEW_SAMPLES = 1 / 5, 1 / 3, 2e6, 5e5
+
+#: Points closer than this find the pockets, so that others are only looked at about them, in t.
+CLOSE_RATIO = 0.55
 
 #: Material laid twice for each volume that sheets grow to cover, at least.
 LEAST_COST = 0.3
@@ -95,15 +97,28 @@ class Filling:
         """How far the aims are missed, then the harm; less is better."""
         return self.missed, self.harm
 
+    @property
+    def grown_overfill(self) -> float:
+        """What is laid twice, at least, once sheets have grown to fill the pockets."""
+        return self.overfill + LEAST_COST * max(self.uncovered - OPEN_AIM, 0.0)
+
+    @property
+    def hope(self) -> tuple[float, float]:
+        """How far growing falls short of the aims, at least, then the harm; less is better."""
+        return max(self.grown_overfill - FULL_AIM, 0.0), self.harm
+
+    def measured(self, part: Part, samples: Samples) -> Filling:
+        """Measure the same sheets by other points of the part; `even` stays as it is."""
+        return replace(self, coverage=measure_coverage(part, samples, self.sheets))
+
 
 def fill(
     part: Part,
     samples: Samples,
     cores: list[Core],
     envelopes: Callable[[Core, float], list[Layer]],
-    field: DistanceField,
+    depths: Depths | None,
     t: float,
-    straight: bool,
     improve: bool,
 ) -> Filling:
     """Choose how the core is filled, and fill what stays open as far as it pays.
@@ -113,9 +128,9 @@ def fill(
         samples: Points of the part.
         cores: One way to fill the core, or a second one in which levels stay as they are.
         envelopes: Makes the envelope layers that belong to a core, leaning by a share.
-        field: Distances to S.
+        depths: Measures depths, as far as strips along edges need it; None where that is
+            not possible.
         t: Layer thickness [mm].
-        straight: Whether depths are straight distances to S.
         improve: Whether anything is done about what stays open.
 
     Returns:
@@ -151,7 +166,7 @@ def fill(
             core, best = other, kept
     if best.uncovered < FILLED_RATIO or not improve:
         return best
-    at_depth = {"envelope": field if straight else None, "core": None}
+    at_depth = {"envelope": depths, "core": None}
     strips = map_threads(
         lambda sheet: find_strips(sheet, t, at_depth[sheet.kind]), (*best.layers, *best.cores)
     )
@@ -187,13 +202,17 @@ def fill_pockets(part: Part, samples: Samples, way: Filling, t: float) -> Fillin
     Returns:
         The sheets, thicker where it pays; unchanged where too much would be laid twice.
     """
-    least = way.overfill + LEAST_COST * max(way.uncovered - OPEN_AIM, 0.0)
-    most = MOST_SAMPLES if least < FULL_AIM else FEW_SAMPLES
+    most = MOST_SAMPLES if way.grown_overfill < FULL_AIM else FEW_SAMPLES
     fewest, finest = (part.volume / (share * t) ** 3 for share in (WIDEST_RATIO, GROWTH_RATIO))
     if fewest > most:
         return way
     fine = spread_samples(part, int(min(finest, most)))
-    open_nodes = measure_coverage(part, fine, way.sheets).open_nodes
+    before = None
+    if samples.spacing < CLOSE_RATIO * t:
+        # So close that next to no pocket lies between them.
+        pockets = samples.points(way.coverage.open_nodes)
+        before = replace(way.coverage, open_nodes=fine.about(pockets, samples.spacing))
+    open_nodes = measure_coverage(part, fine, way.sheets, before).open_nodes
     gaps = Gaps.between(way.sheets, fine.points(open_nodes), fine.spacing**3, t)
     best = way
     for weight in GROWTH_WEIGHTS:

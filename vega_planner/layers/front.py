@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -81,7 +82,7 @@ def sheet_front(
     first = sheet.depth + t / 2
     room, kind = measure_rooms(
         field, brr, feet[chosen], sheet.inward[chosen], sheet.depth + ahead, 0.9 * sheet.depth,
-        first, met,
+        first, met, grid if level > 0 else None,
     )  # fmt: skip
     rooms, opposed = np.full(count, np.inf), np.zeros(count, bool)
     rooms[chosen] = room
@@ -210,6 +211,7 @@ def measure_rooms(
     free_from: float = 0.0,
     beside_from: float = 0.0,
     aside: Floats | None = None,
+    grid: Grid | None = None,
 ) -> tuple[Floats, Ints]:
     """Measure the room in front of points of S, as far as fronts oppose each other.
 
@@ -222,6 +224,7 @@ def measure_rooms(
         free_from: Depth up to which nothing ends a front [mm].
         beside_from: Room from which fronts from aside are of interest [mm].
         aside: Result: depth at which a front from aside is met [mm], where one is, (n,).
+        grid: Distances at the nodes of a grid, which tell sooner what is near deep inside.
 
     Returns:
         Room [mm], infinite where open, and what ends it, both of shape (n,).
@@ -235,10 +238,13 @@ def measure_rooms(
     brr_tri = brr.tri if brr else np.zeros((0, 16))
     brr_box = brr.box if brr else np.zeros((1, 6))
     least = np.inf if aside is None else beside_from
+    near: tuple[Any, ...] = (np.zeros(0, np.int32), np.zeros(3), 1.0, np.ones(3, np.int64))
+    if grid is not None:
+        near = grid.slot, grid.origin, grid.spacing, np.array(grid.shape)
 
     def measure(first: int) -> None:
         kernels.measure_room(
-            field.tri, field.box, brr_tri, brr_box, feet, inward, free_from, least, limit,
+            field.tri, field.box, brr_tri, brr_box, *near, feet, inward, free_from, least, limit,
             first, min(first + _CHUNK, count), room, kind,
         )  # fmt: skip
 

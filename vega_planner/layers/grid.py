@@ -15,6 +15,7 @@ import numpy as np
 from vega_planner.datatypes import Floats, Part
 from vega_planner.layers import grid_kernels as kernels
 from vega_planner.layers.distance_field import DistanceField
+from vega_planner.layers.vertex_kernels import measure_about
 from vega_planner.parallel import map_threads
 from vega_planner.progress import Progress, Report
 
@@ -28,6 +29,9 @@ GAP_NODES = 3
 #: Exact distances are looked up within this many spacings of the surface; the sweeps
 #: carry them on from there.
 _BAND = 2.5
+
+#: Points answered by one piece of work.
+_CHUNK = 512
 
 
 @dataclass(frozen=True, eq=False)
@@ -310,3 +314,25 @@ def _raise_levels(grid: Grid, mark: Any, r0: float, t: float) -> None:
         plane_slabs(nx),
     )  # fmt: skip
     grid.level[raised > 0] += 1
+
+
+def depths_about(grid: Grid, field: DistanceField, points: Floats) -> Floats:
+    """Measure depths of points of the part by what the nodes about them know.
+
+    Args:
+        grid: Straight distances at the nodes.
+        field: Distances to S.
+        points: Points between nodes [mm], shape (n, 3).
+
+    Returns:
+        Depths [mm], shape (n,); one may be too large where the surface is bumpy.
+    """
+    points, count = np.ascontiguousarray(points), len(points)
+    depths = np.zeros(count)
+    map_threads(
+        lambda first: measure_about(
+            field.tri, *field.rings, *grid.about, points, first, min(first + _CHUNK, count), depths
+        ),
+        range(0, count, _CHUNK),
+    )
+    return depths

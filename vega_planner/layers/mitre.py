@@ -10,6 +10,7 @@ for the ends of the core's sheets: a band ends square.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -17,9 +18,11 @@ import numpy as np
 
 from vega_planner.datatypes import Floats, Ints, Layer, row_lengths
 from vega_planner.layers import mitre_kernels as kernels
-from vega_planner.layers.distance_field import DistanceField
 from vega_planner.layers.subdivide import split_flagged
 from vega_planner.part.topology import directed_edges, edge_uses
+
+#: Measures the depth of points [mm], of shape (n, 3).
+Depths = Callable[[Floats], Floats]
 
 #: Edges are sharp from this angle between the faces on; below it next to nothing is open.
 SHARP = np.radians(45.0)
@@ -114,13 +117,13 @@ class Strips:
         return joint
 
 
-def find_strips(layer: Layer, t: float, field: DistanceField | None = None) -> Strips:
+def find_strips(layer: Layer, t: float, depths: Depths | None = None) -> Strips:
     """Lay strips along the sharp edges of a sheet.
 
     Args:
         layer: The sheet.
         t: Nominal layer thickness [mm].
-        field: Distances to S for a sheet whose points must stay at its depth, or None.
+        depths: Measures depths for a sheet whose points must stay at its own, or None.
 
     Returns:
         The strips; without any new point where no edge is sharp.
@@ -139,7 +142,7 @@ def find_strips(layer: Layer, t: float, field: DistanceField | None = None) -> S
     # Faces that only touch sharp edges all round get a middle that is not sharp.
     flagged = np.zeros(faces.shape, np.uint8)
     kernels.flag_edges(vertices, faces, bend, crease, 2, 2 * width, flagged)
-    _keep_flags(flagged, crease, None, vertices, faces, field, depth)
+    _keep_flags(flagged, crease, None, vertices, faces, depths, depth)
     faces, middles = split_flagged(faces, len(vertices), flagged)
     vertices = np.concatenate([vertices, vertices[middles].mean(1)])
     bend = np.concatenate([bend, np.zeros(len(middles))])
@@ -147,7 +150,7 @@ def find_strips(layer: Layer, t: float, field: DistanceField | None = None) -> S
     crease = _creases(vertices, faces, bend > 0, 1, t)[2]
     flagged = np.zeros(faces.shape, np.uint8)
     kernels.flag_edges(vertices, faces, bend, np.zeros_like(crease), 1, 2 * width, flagged)
-    _keep_flags(flagged, crease, UNEVEN, vertices, faces, field, depth)
+    _keep_flags(flagged, crease, UNEVEN, vertices, faces, depths, depth)
     faces, ends = split_flagged(faces, len(vertices), flagged)
     sharp = np.where(bend[ends[:, 0]] > 0, ends[:, 0], ends[:, 1])
     other = ends.sum(1) - sharp
@@ -204,7 +207,7 @@ def _keep_flags(
     doubtful: int | None,
     vertices: Floats,
     faces: Ints,
-    field: DistanceField | None,
+    depths: Depths | None,
     depth: float,
 ) -> None:
     """Take the flag from sides on the rim, and from those off the level set, in place.
@@ -214,7 +217,7 @@ def _keep_flags(
     sides = np.flatnonzero(flagged.view(np.bool_))
     marks = crease.ravel()[sides]
     flagged.ravel()[sides[marks == RIM]] = 0
-    if field is None:
+    if depths is None:
         return
     sides = sides[marks != RIM if doubtful is None else marks == doubtful]
     corners = faces.ravel()
@@ -222,6 +225,5 @@ def _keep_flags(
     edges, number = np.unique(ends[0] * len(vertices) + ends[1], return_inverse=True)
     first, second = np.divmod(edges, len(vertices))
     middles = (vertices[first] + vertices[second]) / 2
-    near = field.nearest(middles, np.full(len(middles), depth + OFF_MM))
-    off = np.abs(near.distances - depth)
+    off = np.abs(depths(middles) - depth)
     flagged.ravel()[sides] = (off < OFF_MM)[number]

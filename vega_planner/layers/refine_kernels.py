@@ -8,7 +8,7 @@ import numpy as np
 
 from vega_planner.compiled import inner_kernel, kernel
 from vega_planner.layers.rim_kernels import settle_rim
-from vega_planner.layers.triangle_kernels import closest, walk, walk_from
+from vega_planner.layers.triangle_kernels import SAME_BASIN, closest, walk, walk_from
 from vega_planner.layers.vertex_kernels import (
     clear_about,
     nearest_about,
@@ -17,6 +17,9 @@ from vega_planner.layers.vertex_kernels import (
 
 #: Edges between the sides of a sliver may be so far off the level set [mm].
 WIDE_MM = 0.1
+
+#: How much nearer than its foot a triangle may be once a point has moved away from it [mm].
+NEARER_MM = 3e-4
 
 #: Centres this near to a corner, which is on the level, are not looked at, in their limit.
 NEAR_CORNER = 0.9
@@ -197,14 +200,14 @@ def place_middles(
         x = 0.5 * (vertices[a, 0] + vertices[b, 0])
         y = 0.5 * (vertices[a, 1] + vertices[b, 1])
         z = 0.5 * (vertices[a, 2] + vertices[b, 2])
-        s, d2, fx, fy, fz = walk(tri, corner, ring_start, ring, slots[a], x, y, z)
-        if slots[b] not in (slots[a], s):
-            q, e2, gx, gy, gz = walk(tri, corner, ring_start, ring, slots[b], x, y, z, s)
-            if e2 < d2:
-                s, d2, fx, fy, fz = q, e2, gx, gy, gz
         turn = 0.0
         for k in range(3):
             turn += inward[a, k] * inward[b, k]
+        s, d2, fx, fy, fz = walk(tri, corner, ring_start, ring, slots[a], x, y, z)
+        if turn < SAME_BASIN and slots[b] not in (slots[a], s):
+            q, e2, gx, gy, gz = walk(tri, corner, ring_start, ring, slots[b], x, y, z, s)
+            if e2 < d2:
+                s, d2, fx, fy, fz = q, e2, gx, gy, gz
         on_crease = False
         if turn < 0.8:
             v[0], v[1], v[2] = x, y, z
@@ -252,8 +255,8 @@ def place_middles(
             x = fx + (x - fx) * r / e
             y = fy + (y - fy) * r / e
             z = fz + (z - fz) * r / e
-            if e > r and turn >= 0.9:
-                break  # towards the foot it stays the foot
+            if turn >= 0.9 and (r - e) * (1.0 - turn) < NEARER_MM:
+                break  # towards the foot it stays the foot, away from it nearly so
         if not on_rim[i] and len(box) > 0:
             # Straight distances alone: nodes about may be across a slot.
             v[0], v[1], v[2] = x, y, z

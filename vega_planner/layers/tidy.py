@@ -14,8 +14,9 @@ from vega_planner.part.surface_kernels import vertex_stars
 #: Height below which a triangle is a sliver, in t.
 SLIVER_HEIGHT = 0.012
 
-#: Rounds of changes that do not touch each other.
-ROUNDS = 4
+#: Rounds of changes that do not touch each other, and of such where a larger share of the
+#: faces has no area.
+ROUNDS, FLAT_ROUNDS, FLAT_SHARE = 4, 16, 1 / 3000
 
 
 def tidy_sheet(sheet: Sheet, sources: Sources, t: float) -> Sheet:
@@ -35,16 +36,16 @@ def tidy_sheet(sheet: Sheet, sources: Sources, t: float) -> Sheet:
     count = len(sheet.vertices)
     faces = np.array(sheet.faces, np.int64, order="C")
     tall = np.zeros(len(faces), np.uint8)
-    for _ in range(ROUNDS):
+    for done in range(1, FLAT_ROUNDS + 1):
         start, around = vertex_stars(faces, count)
-        changed, skipped, left = kernels.tidy_faces(
+        changed, skipped, flats, left = kernels.tidy_faces(
             sources.tri, *sources.rings, sheet.vertices, sheet.slots, faces, tall, start, around,
             sheet.depth, SLIVER_HEIGHT * t,
         )  # fmt: skip
         if changed == 0:
             break
         faces, tall = faces[:left], tall[:left]
-        if skipped == 0:
+        if skipped + flats == 0 or (done >= ROUNDS and flats < FLAT_SHARE * len(faces)):
             break
     # What coincides and could not be merged without joining the two sides of an edge.
     if kernels.drop_flat(sheet.vertices, faces):

@@ -13,6 +13,9 @@ from vega_planner.part.surface_kernels import cross_of
 #: Longest edge whose ends are merged, and longest of the rim [mm].
 SHORT_MM, SHORT_RIM_MM = 0.1, 0.02
 
+#: Height below which a face has no area to speak of [mm].
+FLAT_MM = 1e-4
+
 #: Distance from the level set that the centre of a new face may have [mm].
 CENTRE_MM = 0.015
 
@@ -166,10 +169,13 @@ def keeps_side(vertices, slots, tri, new, normal):
 
 @inner_kernel
 def flip(
-    tri, corner, ring_start, ring, vertices, slots, faces, start, around, r, height, f, side, mine,
-    normal, other,
+    tri, corner, ring_start, ring, vertices, slots, faces, start, around, r, height, f, side, flat,
+    mine, normal, other,
 ):  # fmt: skip
     """Flip the edge of face f that begins at corner `side`, if that may be.
+
+    Two faces on one line, which both are flat, are turned so that their edge gets shorter:
+    then each has its long edge in common with another face.
 
     Returns:
         The other face of the edge, -1 where it stays.
@@ -188,8 +194,15 @@ def flip(
         if mine[i] == d:
             return -1
     old = shape_of(vertices, faces[g, 0], faces[g, 1], faces[g, 2], normal)
-    if old < height:
+    if old < FLAT_MM and flat:
+        if squared(vertices, c, d) >= 0.9 * squared(vertices, p, q):
+            return -1
+        faces[f, 0], faces[f, 1], faces[f, 2] = p, d, c
+        faces[g, 0], faces[g, 1], faces[g, 2] = d, q, c
+        return g
+    if old < height and not flat:
         return -1
+    least = 5.0 * FLAT_MM if flat else height
     allowed = max(
         CENTRE_MM,
         centre_error(
@@ -198,9 +211,9 @@ def flip(
         ),
     )  # fmt: skip
     for x, y, z in ((p, d, c), (d, q, c)):
-        # Both new faces must be better than a sliver.
+        # Both new faces must be better than a sliver, or at least not flat again.
         if not fits(
-            tri, corner, ring_start, ring, vertices, slots, x, y, z, r, height, allowed,
+            tri, corner, ring_start, ring, vertices, slots, x, y, z, r, least, allowed,
             1e30, normal[0], normal[1], normal[2], other,
         ):  # fmt: skip
             return -1
@@ -229,22 +242,25 @@ def tidy_faces(
         height: Height below which a face is a sliver [mm].
 
     Returns:
-        Number of changes, of slivers that were not looked at for others about them, and of
-        the faces that are left, which come first.
+        Number of changes, of slivers that were not looked at for others about them, of those
+        that are or were flat among both, and of the faces that are left, which come first.
     """
     locked = np.zeros(len(vertices), np.uint8)
     mine, others = np.zeros(2 * MOST_AROUND + 2, np.int64), np.zeros(2 * MOST_AROUND + 2, np.int64)
     normal, other = np.zeros(3), np.zeros(3)
     side, new = np.zeros(3), np.zeros(3, np.int64)
-    changed, skipped = 0, 0
+    changed, skipped, flats = 0, 0, 0
     for f in range(len(faces)):
         if faces[f, 0] < 0 or tall[f]:
             continue
-        if shape_of(vertices, faces[f, 0], faces[f, 1], faces[f, 2], normal) >= height:
+        mine_height = shape_of(vertices, faces[f, 0], faces[f, 1], faces[f, 2], normal)
+        if mine_height >= height:
             tall[f] = 1
             continue
+        flat = mine_height < FLAT_MM
         if locked[faces[f, 0]] or locked[faces[f, 1]] or locked[faces[f, 2]]:
             skipped += 1
+            flats += flat
             continue
         for c in range(3):
             side[c] = squared(vertices, faces[f, c], faces[f, (c + 1) % 3])
@@ -275,15 +291,17 @@ def tidy_faces(
                         for c in range(3):
                             locked[faces[around[i], c]] = 1
                 changed += 1
+                flats += flat
                 done = True
                 break
         if done:
             continue
         g = flip(
             tri, corner, ring_start, ring, vertices, slots, faces, start, around, r, height, f,
-            long, mine, normal, other,
+            long, flat, mine, normal, other,
         )  # fmt: skip
         if g >= 0:
+            flats += flat
             tall[f] = tall[g] = 0
             for c in range(3):
                 locked[faces[f, c]] = 1
@@ -296,7 +314,7 @@ def tidy_faces(
                 faces[left, c] = faces[f, c]
             tall[left] = tall[f]
             left += 1
-    return changed, skipped, left
+    return changed, skipped, flats, left
 
 
 @kernel

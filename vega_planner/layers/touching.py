@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Edges at which a sheet touches itself, and how it is parted there."""
+"""Edges and vertices at which a sheet touches itself, and how it is parted there."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from vega_planner.datatypes import Bools, Ints
+from vega_planner.layers import touching_kernels as kernels
 from vega_planner.part.topology import connected_pieces, directed_edges
 
 
@@ -41,6 +42,24 @@ def parted(faces: Ints, twice: Bools) -> tuple[Ints, Ints]:
                 break
     faces[near] = about
     return faces, np.array(copied, np.int64)
+
+
+def fans_parted(faces: Ints, beside: Bools) -> tuple[Ints, Ints]:
+    """Part a sheet where two fans of its faces have but a vertex in common.
+
+    Where faces have been left out, what stays may hang together at one vertex. Each fan but
+    the first gets a vertex of its own, at the same place.
+
+    Args:
+        faces: Vertex indices, shape (m, 3).
+        beside: True for vertices that may be such, shape (n,).
+
+    Returns:
+        The faces, and for each vertex that is added (number n and up) the one it copies.
+    """
+    apart = np.array(faces, np.int64, order="C")
+    copied: Ints = kernels.part_fans(apart, beside.view(np.uint8), len(beside))
+    return apart, copied
 
 
 def _second_fan(faces: Ints, v: int, w: int) -> Ints:

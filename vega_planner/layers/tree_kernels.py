@@ -20,7 +20,7 @@ from vega_planner.layers.triangle_kernels import closest, measure, measure_below
 LEAF = 8
 
 #: Most triangles that are bounded by planes as well; more than these are hardly ever flat.
-MOST_BETWEEN = 64
+MOST_BETWEEN = 128
 
 
 @kernel
@@ -104,35 +104,43 @@ def sort_leaves(points, order, leaves, first, last, most):
 
 
 @kernel
-def box_tree(tri, leaves):
-    """Bound the leaves, then each pair of children."""
-    box = np.zeros((2 * leaves - 1, 11))
+def bound_boxes(tri, leaves, top, bottom, first, last, box):
+    """Bound the boxes of a subtree, those with the most leaves last.
+
+    Args:
+        tri: Triangle rows.
+        leaves: Number of all leaves, a power of two.
+        top: Leaves of the largest boxes that are bounded.
+        bottom: Leaves of the smallest ones; 1 bounds the leaves themselves, otherwise
+            boxes of half as many are there already.
+        first: First leaf of the subtree.
+        last: End of its leaves.
+        box: Result, (2 leaves - 1, 11).
+    """
     count = len(tri)
-    first, last = np.zeros(len(box), np.int64), np.zeros(len(box), np.int64)
-    for i in range(len(box) - 1, -1, -1):
-        for k in range(3):
-            box[i, k] = 1e300
-            box[i, 3 + k] = -1e300
-        if i >= leaves - 1:
-            first[i] = leaf_start(i - leaves + 1, leaves, count)
-            last[i] = leaf_start(i - leaves + 2, leaves, count)
-            for s in range(first[i], last[i]):
-                for k in range(3):
-                    a = tri[s, k]
-                    b = a + tri[s, 3 + k]
-                    c = a + tri[s, 6 + k]
-                    box[i, k] = min(box[i, k], a, b, c)
-                    box[i, 3 + k] = max(box[i, 3 + k], a, b, c)
-        else:
-            first[i], last[i] = first[2 * i + 1], last[2 * i + 2]
+    size = bottom
+    while size <= top:
+        before = leaves // size - 1
+        for i in range(before + first // size, before + last // size):
+            start = leaf_start((i - before) * size, leaves, count)
+            end = leaf_start((i - before + 1) * size, leaves, count)
             for k in range(3):
-                box[i, k] = min(box[2 * i + 1, k], box[2 * i + 2, k])
-                box[i, 3 + k] = max(box[2 * i + 1, 3 + k], box[2 * i + 2, 3 + k])
-        if last[i] - first[i] <= MOST_BETWEEN:
-            lay_planes(tri, first[i], last[i], box[i])
-        else:
-            box[i, 9], box[i, 10] = -1e300, 1e300
-    return box
+                low, high = 1e300, -1e300
+                if size == 1:
+                    for s in range(start, end):
+                        a = tri[s, k]
+                        b = a + tri[s, 3 + k]
+                        c = a + tri[s, 6 + k]
+                        low, high = min(low, a, b, c), max(high, a, b, c)
+                else:
+                    low = min(box[2 * i + 1, k], box[2 * i + 2, k])
+                    high = max(box[2 * i + 1, 3 + k], box[2 * i + 2, 3 + k])
+                box[i, k], box[i, 3 + k] = low, high
+            if end - start <= MOST_BETWEEN:
+                lay_planes(tri, start, end, box[i])
+            else:
+                box[i, 9], box[i, 10] = -1e300, 1e300
+        size *= 2
 
 
 @inner_kernel

@@ -135,10 +135,18 @@ def heaviest(u, v):
 
 
 @kernel
-def triangle_rows(vertices, faces, order):
-    """Lay out the triangles in tree order: corner, two edges, unit normal."""
-    tri = np.zeros((len(order), 16))
-    for s in range(len(order)):
+def lay_rows(vertices, faces, order, first, last, tri):
+    """Lay out triangles first:last in tree order: corner, two edges, unit normal.
+
+    Args:
+        vertices: Points [mm], (n, 3).
+        faces: Vertex indices, (m, 3).
+        order: The face of each row, (m,).
+        first: First row.
+        last: End of the rows.
+        tri: Result, 0 at first, (m, 16).
+    """
+    for s in range(first, last):
         f = order[s]
         for k in range(3):
             a = vertices[faces[f, 0], k]
@@ -157,21 +165,30 @@ def triangle_rows(vertices, faces, order):
             tri[s, 13] += tri[s, 3 + k] * tri[s, 3 + k]
             tri[s, 14] += tri[s, 3 + k] * tri[s, 6 + k]
             tri[s, 15] += tri[s, 6 + k] * tri[s, 6 + k]
-    return tri
 
 
 @kernel
 def rings(faces, order, vertex_count):
-    """List the triangles around each vertex, as slots in tree order."""
+    """List the triangles around each vertex, as slots in tree order.
+
+    Vertices are numbered as the triangles meet them, so that the rings of neighbours are
+    neighbours in memory.
+    """
     corner = np.zeros((len(order), 3), np.int32)
+    number = np.full(vertex_count, -1)
     start = np.zeros(vertex_count + 1, np.int64)
+    met = 0
     for s in range(len(order)):
         for c in range(3):
             v = faces[order[s], c]
-            corner[s, c] = v
-            start[v + 1] += 1
-    for v in range(vertex_count):
+            if number[v] < 0:
+                number[v] = met
+                met += 1
+            corner[s, c] = number[v]
+            start[number[v] + 1] += 1
+    for v in range(met):
         start[v + 1] += start[v]
+    start = start[: met + 1].copy()
     fill = start[:-1].copy()
     ring = np.zeros(3 * len(order), np.int32)
     for s in range(len(order)):

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vega_planner.compiled import inner_kernel
+from vega_planner.compiled import inner_kernel, kernel
 from vega_planner.layers.tree_kernels import nearest_or_walk
 from vega_planner.layers.triangle_kernels import (
     SAME_BASIN,
@@ -22,8 +22,9 @@ from vega_planner.layers.triangle_kernels import (
 #: Cosine above which two gradients belong to one smooth sheet (21 degrees).
 SAME_SHEET = 0.93
 
-#: Distances to its sheets to which a vertex is placed [mm].
-PLACED_MM = 5e-5
+#: Distances to its sheets to which a vertex is placed [mm], at the restraint region and
+#: elsewhere.
+PLACED_MM, NEARLY_PLACED_MM = 5e-5, 5e-4
 
 #: How much nearer than its level a triangle may be that no walk has led to [mm].
 UNSEEN_MM = 0.01
@@ -230,7 +231,7 @@ def place(
                 b[0] += nx * f
                 b[1] += ny * f
                 b[2] += nz * f
-            if worst < PLACED_MM:
+            if worst < (PLACED_MM if wall_count > 0 else NEARLY_PLACED_MM):
                 converged = True
                 break
             # Damping by the sheets' weight alone: by the walls', which is a thousandfold,
@@ -379,3 +380,35 @@ def settle_about(
         v[1] = fy + (v[1] - fy) * r / e
         v[2] = fz + (v[2] - fz) * r / e
     return s
+
+
+@kernel
+def measure_about(
+    tri, corner, ring_start, ring, slot, d, gradient, origin, h, corner_step, points, first, last,
+    distance,
+):  # fmt: skip
+    """Measure the distance of points first:last by walking from the nodes about them.
+
+    A local minimum of a bumpy surface may end a walk: a distance is never too small.
+
+    Args:
+        points: Points between nodes of the grid [mm], (n, 3).
+        first: First row.
+        last: End of the rows.
+        distance: Result [mm], infinite where no node about a point knows a triangle, (n,).
+    """
+    seen = np.zeros((9, 3))
+    for i in range(first, last):
+        cell = 0
+        for axis in range(3):
+            cell += int((points[i, axis] - origin[axis]) / h) * corner_step[1 << axis]
+        hint = -1
+        for c in range(8):
+            hint = max(hint, np.int64(slot[cell + corner_step[c]]))
+        distance[i] = np.inf
+        if hint >= 0:
+            _, d2, _, _, _ = nearest_about(
+                tri, corner, ring_start, ring, slot, d, gradient, origin, h, corner_step,
+                points[i, 0], points[i, 1], points[i, 2], hint, seen,
+            )  # fmt: skip
+            distance[i] = np.sqrt(d2)
