@@ -19,6 +19,7 @@ from vega_msgs.action import PlanLayers
 from vega_planner.errors import Cancelled, VegaError
 from vega_planner.nodes.clicked_point import ClickedPoint
 from vega_planner.nodes.conversions import error_to_msg, request_from_msg, result_to_msg
+from vega_planner.nodes.feedback import EVERY_STAGE, await_listener
 from vega_planner.nodes.frames import FramePublisher
 from vega_planner.nodes.parameters import declare_settings, read_settings
 from vega_planner.nodes.plan_markers import TOPICS
@@ -55,6 +56,7 @@ class PlannerNode(Node):
             callback_group=group,
             goal_callback=lambda _: GoalResponse.ACCEPT,
             cancel_callback=lambda _: CancelResponse.ACCEPT,
+            feedback_pub_qos_profile=EVERY_STAGE,
         )
 
     def close(self) -> None:
@@ -73,6 +75,7 @@ class PlannerNode(Node):
                     )
                 )
 
+        await_listener(self, "plan_layers")
         try:
             request = request_from_msg(goal.request, read_settings(self))
             outcome = self._worker.plan(request, report, lambda: goal.is_cancel_requested)

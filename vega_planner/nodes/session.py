@@ -23,6 +23,7 @@ from unique_identifier_msgs.msg import UUID
 
 from vega_msgs.action import ExecutePrint, PlanLayers
 from vega_planner.errors import DriverError, LinkTimeout, VegaError, error_class
+from vega_planner.nodes.feedback import EVERY_STAGE
 from vega_planner.progress import Progress, Report
 
 #: Time the nodes may take to appear [s].
@@ -56,7 +57,9 @@ class Session:
     ) -> None:
         self.node = Node(name, namespace=namespace)
         self._alive = alive or (lambda: None)
-        self._plan = ActionClient(self.node, PlanLayers, "plan_layers")
+        self._plan = ActionClient(
+            self.node, PlanLayers, "plan_layers", feedback_sub_qos_profile=EVERY_STAGE
+        )
         self._print = ActionClient(self.node, ExecutePrint, "execute_print")
         self._state = self.node.create_client(GetState, "robot_driver/get_state")
         self._change = self.node.create_client(ChangeState, "robot_driver/change_state")
@@ -73,6 +76,8 @@ class Session:
         self._closing.set()
         self._thread.join()  # a thread that still spins at exit would abort the process
         self._executor.shutdown()
+        self._plan.destroy()
+        self._print.destroy()
         self.node.destroy_node()
 
     def _spin(self) -> None:
