@@ -89,8 +89,8 @@ def _with_middles(
     middles, inward = np.zeros((count, 3)), np.zeros((count, 3))
     slots = np.zeros(count, np.int64)
     kernels.place_middles(
-        tri, *rings, sources.box, *grid.about, brr_tri, brr_box, sheet.vertices, sheet.slots,
-        ends, on_rim, sheet.depth, sheet.inward, middles, inward, slots,
+        tri, *rings, sources.box, *grid.about, grid.state, brr_tri, brr_box, sheet.vertices,
+        sheet.slots, ends, on_rim, sheet.depth, sheet.inward, middles, inward, slots,
     )  # fmt: skip
     refined = Sheet(
         sheet.depth,

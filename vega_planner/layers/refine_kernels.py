@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 
 from vega_planner.compiled import inner_kernel, kernel
-from vega_planner.layers.rim_kernels import settle_rim
+from vega_planner.layers.rim_kernels import bring_back, settle_rim
 from vega_planner.layers.triangle_kernels import SAME_BASIN, closest, walk, walk_from
 from vega_planner.layers.vertex_kernels import (
     clear_about,
@@ -178,6 +178,7 @@ def place_middles(
     origin,
     h,
     corner_step,
+    state,
     brr_tri,
     brr_box,
     vertices,
@@ -193,13 +194,14 @@ def place_middles(
     """Put the middles of edges onto the level set, and those of the rim onto the region."""
     stack = np.zeros(64, np.int64)
     lower = np.zeros(64)
-    v = np.zeros(3)
+    v, start = np.zeros(3), np.zeros(3)
     seen = np.zeros((9, 3))
     for i in range(len(ends)):
         a, b = ends[i, 0], ends[i, 1]
         x = 0.5 * (vertices[a, 0] + vertices[b, 0])
         y = 0.5 * (vertices[a, 1] + vertices[b, 1])
         z = 0.5 * (vertices[a, 2] + vertices[b, 2])
+        start[0], start[1], start[2] = x, y, z
         turn = 0.0
         for k in range(3):
             turn += inward[a, k] * inward[b, k]
@@ -274,6 +276,13 @@ def place_middles(
             s = settle_rim(
                 tri, corner, ring_start, ring, box, brr_tri, brr_box, max(length, 0.05), r, s,
                 v, stack, lower,
+            )  # fmt: skip
+            x, y, z = v[0], v[1], v[2]
+        if not on_rim[i] and len(brr_tri) > 0:
+            v[0], v[1], v[2] = x, y, z
+            s = bring_back(
+                tri, corner, ring_start, ring, box, brr_tri, brr_box, h, r, state, slot, d,
+                gradient, origin, corner_step, s, v, start, stack, lower, seen,
             )  # fmt: skip
             x, y, z = v[0], v[1], v[2]
         d2, fx, fy, fz = closest(tri, s, x, y, z)
