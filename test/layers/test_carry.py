@@ -15,7 +15,7 @@ from vega_planner.settings import LayerSettings
 from .shapes import base, part_of
 
 SETTINGS = LayerSettings(thickness_mm=0.8)
-WALL = 2.0
+WALL = 1.8
 
 
 @pytest.fixture(scope="module")
@@ -36,9 +36,9 @@ def test_the_outer_sheet_keeps_a_quarter_of_the_wall_or_more_at_its_corners(tray
     sheet, rows = at_wall_height(tray)
     x, y, _ = sheet.vertices[rows].T
     depth = np.minimum.reduce([x, 20 - x, y, 14 - y])
-    # Between the corner and the fan round the inner corner, the part is up to 1.17 deep.
+    # Between the corner and the fan round the inner corner, the part is deeper than the wall.
     assert depth.min() == pytest.approx(WALL / 4, abs=2e-3)
-    assert depth.max() <= (2 / (1 + np.sqrt(0.5))) / 2 + 5e-3
+    assert depth.max() <= WALL / (1 + np.sqrt(0.5)) / 2 + 5e-3
 
 
 def test_there_it_is_as_thick_as_the_wall_has_room(tray):

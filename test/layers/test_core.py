@@ -8,6 +8,7 @@ import pytest
 
 from vega_planner.layers import generate_layers
 from vega_planner.layers.distance_field import DistanceField
+from vega_planner.layers.leaving import next_from
 from vega_planner.settings import LayerSettings
 
 from .shapes import Solid, base, box, box_from_above, part_of
@@ -94,3 +95,37 @@ def test_a_cup_of_thin_walls_keeps_its_thick_floor(wall):
         material += float(sheet.face_areas @ local)
     assert covered.mean() > 0.99
     assert material / stack.part.volume == pytest.approx(1, abs=0.04)
+
+
+def plate_with_holes() -> Solid:
+    solid = Solid.cube((24, 18, 4))
+    for x, y, radius in ((6, 5, 2.5), (16, 6, 2.8), (10, 13, 3.1)):
+        solid -= Solid.cylinder(6, radius, radius, 32).translate((x, y, -1))
+    return solid
+
+
+def test_a_plate_five_layers_thick_keeps_two_from_each_side():
+    """Half of it is exactly the last layer's limit: no face may be filled by both ways."""
+    stack = generate_layers(part_of(plate_with_holes()), SETTINGS)
+    assert len(stack.layers) == 2
+    assert stack.uncovered_ratio <= 0.005
+    assert stack.overfill_ratio <= 0.01
+
+
+def test_a_floor_two_and_a_half_layers_thick_is_filled_once():
+    solid = Solid.cube((30, 30, 2))
+    for k in range(3):
+        solid += Solid.cube((2, 30, 8)).translate((3 + 11 * k, 0, 0))
+        solid += Solid.cube((30, 2, 8)).translate((0, 3 + 11 * k, 0))
+    stack = generate_layers(part_of(solid, base), SETTINGS)
+    assert stack.uncovered_ratio <= 0.005
+    assert stack.overfill_ratio <= 0.02
+
+
+def test_the_limit_of_the_last_layer_keeps_off_the_gaps_that_most_faces_have():
+    t = 1.0
+    assert next_from(np.array([0.5]), np.array([1.0]), t) == 0.49  # a wall as thick as that
+    gap, areas = np.array([0.1, 0.47, 0.486, 0.49, 0.494, 0.9]), np.array([5, 0.1, 1, 1, 1, 5.0])
+    assert next_from(gap, areas, t) == 0.45
+    assert next_from(gap[2:], areas[2:], t) == 0.47
+    assert next_from(np.array([np.inf]), np.array([1.0]), t) == 0.49

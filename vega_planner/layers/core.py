@@ -38,7 +38,7 @@ from vega_planner.layers.front import (
     thin_walls,
 )
 from vega_planner.layers.grid import Grid
-from vega_planner.layers.leaving import MIDDLE_RATIO, Pieces, leaving_faces
+from vega_planner.layers.leaving import MIDDLE_RATIO, MOVING_SHARE, Pieces, leaving_faces
 from vega_planner.parallel import map_threads
 from vega_planner.part.topology import connected_pieces
 
@@ -86,6 +86,13 @@ class Core:
         """Whether levels have become sheets of the core because one before them moved."""
         return any(not kept.any() and len(kept) for kept in self.kept[:-1])
 
+    def is_like(self, other: Core) -> bool:
+        """Whether the same faces stay, with the same room, and the sheets are the same."""
+        mine, theirs = (
+            (*c.kept, *c.room, *(sheet.vertices for sheet in c.cores)) for c in (self, other)
+        )
+        return len(mine) == len(theirs) and all(map(np.array_equal, mine, theirs))
+
     @classmethod
     def nothing(cls, sheets: list[Sheet], t: float) -> Core:
         """Leave the sheets as they are."""
@@ -114,6 +121,7 @@ def fill_core(
     sheets: list[Sheet],
     t: float,
     staying_ratio: float = STAYING_RATIO,
+    moving_share: float = MOVING_SHARE,
     carried: bool = True,
 ) -> Core:
     """Make the sheets that fill what the envelope layers leave over.
@@ -127,6 +135,8 @@ def fill_core(
         t: Layer thickness [mm].
         staying_ratio: Share of the volume that pieces may leave open or lay twice that
             stay only because a deeper level does.
+        moving_share: Share of a piece, from the second level on, that has no room of t
+            where it moves.
         carried: Whether pieces that move take the room beside where it was measured, and
             those of the first level carry it round corners.
 
@@ -154,27 +164,29 @@ def fill_core(
     chosen = gap < MIDDLE_RATIO * t
     budget = staying_ratio * part.volume
     leaving = leaving_faces(
-        fronts[1:], gaps[1:], areas[1:], pieces[1:], t, sliver, budget, moving, grid.spacing,
-        field, brr,
+        fronts[1:], gaps[1:], areas[1:], pieces[1:], t, sliver, budget, moving, moving_share,
+        grid.spacing, field, brr,
     )  # fmt: skip
     if sheets and chosen.any():
         stays = ~(leaving[0][0] | leaving[0][1])
         _leave_out(walls, chosen, sheets[0], stays, t)
-    reach = spread_room(walls)
+    reach, walls_most = spread_room(walls), t + pieces[0].next_from
     thin = [
-        add_core_sheet(cores, field, walls, chosen & opposed, reach, 0.0, True, t),
-        add_core_sheet(cores, field, walls, chosen & ~opposed, reach, 0.0, False, t),
+        add_core_sheet(cores, field, walls, chosen & opposed, reach, 0.0, True, t, walls_most),
+        add_core_sheet(cores, field, walls, chosen & ~opposed, reach, 0.0, False, t, walls_most),
     ]
 
     def fill_behind(k: int) -> list[Layer]:
         """Move what leaves a level to the middle of its room, and fill the gaps behind it."""
         mine: list[Layer] = []
         front, (gap, opposed), (moved, slivers) = fronts[k + 1], gaps[k + 1], leaving[k]
+        next_from = pieces[k + 1].next_from
+        most = t + next_from
         kept[k] &= ~moved & ~slivers
         for wall in thin if k == 0 else ():
             if wall is not None and moved.any():
-                moved = moved & ~_filled(front, moved, spread_room(front), wall, t)
-        own = gap < t / 2
+                moved = moved & ~_filled(front, moved, spread_room(front), wall, t, most)
+        own = gap < next_from
         beside = np.isfinite(front.aside)
         rooms[k][beside] = front.aside[beside] - k * t
         if not own.any() and not moved.any():
@@ -185,14 +197,14 @@ def fill_core(
         if carried and k == 0:
             room = carried_room(front, moved, room, field, sheets[k + 1 : k + 2], t)
             ends = 1.0
-        last[k] = add_core_sheet(mine, field, front, moved, room, k * t, False, t, ends)
+        last[k] = add_core_sheet(mine, field, front, moved, room, k * t, False, t, most, ends)
         own &= kept[k]
         wide = own & opposed & (gap >= WIDE_RATIO * t)
         between = spread
         if carried and wide.any():
             between = carried_room(front, wide, front.room, field, (), t)
             between = np.where(np.isfinite(between), between, spread)
-        add_core_sheet(mine, field, front, wide, between, (k + 1) * t, True, t)
+        add_core_sheet(mine, field, front, wide, between, (k + 1) * t, True, t, most)
         narrow = np.unique(front.faces[own & ~wide])
         free = np.where(np.isfinite(spread), spread - k * t, t)[narrow]
         rooms[k][narrow] = free
@@ -202,14 +214,17 @@ def fill_core(
         """Make a level that is a sliver anew, from the one before it."""
         mine: list[Layer] = []
         front, gap = fronts[k], gaps[k][0]
-        lost = (gap >= t / 2) & (gap < t / 2 + sliver) & ((gap >= MIDDLE_RATIO * t) | (k > 0))
+        next_from = pieces[k].next_from
+        most = t + next_from
+        lost = (gap >= next_from) & (gap < t / 2 + sliver)
+        lost &= (gap >= MIDDLE_RATIO * t) | (k > 0)
         for wall in thin if k == 0 else ():
             if wall is not None and lost.any():
-                lost &= ~_filled(front, lost, spread_room(front), wall, t)
+                lost &= ~_filled(front, lost, spread_room(front), wall, t, most)
         if lost.any() and k < len(sheets):
             lost = _missing(front, lost, gap, sheets[k], kept[k], last[k], t)
         if lost.any():
-            add_core_sheet(mine, field, front, lost, spread_room(front), k * t, False, t)
+            add_core_sheet(mine, field, front, lost, spread_room(front), k * t, False, t, most)
         return mine
 
     def fill_about(k: int) -> tuple[list[Layer], list[Layer]]:
@@ -235,11 +250,13 @@ def _leave_out(front: Front, chosen: Bools, sheet: Sheet, stays: Bools, t: float
         chosen[rows[near < reach]] = False
 
 
-def _filled(front: Front, chosen: Bools, room: Floats, wall: Layer, t: float) -> Bools:
+def _filled(
+    front: Front, chosen: Bools, room: Floats, wall: Layer, t: float, most: float
+) -> Bools:
     """Find the chosen faces of a front whose room a thin wall's sheet fills."""
     rows = np.flatnonzero(chosen)
     corners = front.faces[rows]
-    free = np.where(room < 1.5 * t, room, t)[corners].mean(1)[:, None]
+    free = np.where(room < most, room, t)[corners].mean(1)[:, None]
     feet, inward = front.feet[corners].mean(1), face_inward(front, rows)
     tree = DistanceField(wall.vertices, wall.faces)
     half = wall.thickness[wall.faces].mean(1) / 2

@@ -26,6 +26,10 @@ AHEAD, FARTHER = 0.4, 1.15
 #: be for it to shrink, and the least room that counts, in the limit.
 SHRINKS, NEARER, LEAST = 10, 0.004, 0.1
 
+#: Gap between two fronts, in t for each, from which a sheet between them is thick enough
+#: to be laid well, so that those on both sides need not be thicker.
+BETWEEN_RATIO = 0.35
+
 #: Where a front from aside ends it this little before it would meet the opposed one, the
 #: room is that of the opposed one.
 BESIDE = 0.93
@@ -249,7 +253,7 @@ def measure_areas(vertices, faces, areas):
 
 
 @kernel
-def weigh_pieces(piece, areas, gap, opposed, t, sliver, wide, weights):
+def weigh_pieces(piece, areas, gap, opposed, t, next_from, sliver, wide, weights):
     """Add up the faces of each connected piece of a front.
 
     Args:
@@ -258,10 +262,11 @@ def weigh_pieces(piece, areas, gap, opposed, t, sliver, wide, weights):
         gap: Gap behind each of them [mm], (m,).
         opposed: Whether fronts meet there, (m,).
         t: Layer thickness [mm].
+        next_from: Gap from which the next level fills it [mm].
         sliver: Half the width of a sliver [mm].
         wide: Half width of gaps from which they get a sheet of their own [mm].
         weights: Result, 0 at first: area of each piece, of its faces behind which there is
-            no room of t, and of those that are slivers [mm²], (3, pieces).
+            no room for a good sheet, and of those that are slivers [mm²], (3, pieces).
 
     Returns:
         Volume left open or laid twice if no piece moves [mm³].
@@ -269,15 +274,16 @@ def weigh_pieces(piece, areas, gap, opposed, t, sliver, wide, weights):
     volume = 0.0
     for f in range(len(piece)):
         weights[0, piece[f]] += areas[f]
-        if gap[f] >= 0.5 * t:
+        if gap[f] >= next_from:
             continue
-        weights[1, piece[f]] += areas[f]
         if gap[f] + t < 0.5 * t + sliver:
             weights[2, piece[f]] += areas[f]
         off = abs(gap[f])
         if opposed[f] and gap[f] >= wide:
             off = max(0.25 * t - gap[f], 0.0)
         volume += 0.5 * off * areas[f]
+        if not opposed[f] or gap[f] < BETWEEN_RATIO * t:
+            weights[1, piece[f]] += areas[f]
     return volume
 
 

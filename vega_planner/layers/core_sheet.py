@@ -24,6 +24,7 @@ def add_core_sheet(
     start: float,
     middle: bool,
     t: float,
+    most: float,
     end_ratio: float = END_RATIO,
 ) -> Layer | None:
     """Make a sheet of the core from chosen faces of a front.
@@ -40,6 +41,7 @@ def add_core_sheet(
         start: Depth from which it is filled [mm].
         middle: Whether both sides of a room are filled by this sheet.
         t: Layer thickness [mm].
+        most: Room for more than t that a sheet of one side takes whole if below this [mm].
         end_ratio: How far from S it stays where no room was measured, in its depth.
 
     Returns:
@@ -52,7 +54,7 @@ def add_core_sheet(
     faces = numbers.reshape(-1, 3)
     # Corners without a measured room, or with room for the next layer too, keep t.
     free = room[used] - start
-    free = np.where(np.isfinite(free) & (middle | (free < 1.5 * t)), free, t)
+    free = np.where(np.isfinite(free) & (middle | (free < most)), free, t)
     free = np.maximum(free, 0.05 * t)
     depth = room[used] if middle else start + free / 2
     points = front.feet[used] + depth[:, None] * front.inward[used]

@@ -17,7 +17,7 @@ from vega_planner.layers.coverage import Samples, spread_samples
 from vega_planner.layers.depth_misses import depth_misses
 from vega_planner.layers.distance_field import DistanceField
 from vega_planner.layers.envelopes import envelopes
-from vega_planner.layers.filling import Filling, fill, fill_pockets
+from vega_planner.layers.filling import Filling, fill
 from vega_planner.layers.geodesic import Sources, bend_distances, is_convex_at_region
 from vega_planner.layers.grid import (
     Grid,
@@ -31,6 +31,7 @@ from vega_planner.layers.refine import refine_sheet
 from vega_planner.layers.settle import settle_sheet
 from vega_planner.layers.summits import with_summits
 from vega_planner.layers.tidy import tidy_sheet
+from vega_planner.layers.ways import best_filling
 from vega_planner.parallel import map_threads
 from vega_planner.progress import Report
 from vega_planner.settings import LayerSettings
@@ -59,9 +60,6 @@ MOST_NODES = 12e6
 #: Small parts whose layers are off their depth, or fill them badly, are sampled again, with a
 #: grid closer by this factor, as often as this and while it has no more nodes than this.
 FINER, FINER_ROUNDS, FINER_NODES = 0.56, 2, 1.5e6
-
-#: Points that tell how well such a part is filled where more than this share stays open.
-CLOSE_SAMPLES, NEAR_RATIO = 150000, 0.0032
 
 #: Open share of the volume above which a person is told.
 OPEN_RATIO = 0.01
@@ -228,32 +226,25 @@ def _sampled(
     sheets = map_threads(refined, sheets)
     straight = len(sources.box) > 0
 
-    def filled(carried: bool) -> Filling:
-        ways = [Core.nothing(sheets, t)]
-        if settings.fill_core:
-            core = partial(fill_core, part, grid, field, brr, sheets, t, carried=carried)
-            ways = [core()]
-            if ways[0].begins_early:
-                # Keeping all levels as they are costs less than it gains where walls vary.
-                ways.append(core(staying_ratio=1.0))
-        if not any(kept.any() for kept in ways[0].kept) and not ways[0].cores:
+    def core(**choices: Any) -> Core:
+        if not settings.fill_core:
+            made = Core.nothing(sheets, t)
+        else:
+            made = fill_core(part, grid, field, brr, sheets, t, **choices)
+        if not any(kept.any() for kept in made.kept) and not made.cores:
             raise NoLayers(f"no layer of t = {t:g} mm fits into part '{part.name}'")
+        return made
+
+    def filled(ways: list[Core], samples: Samples) -> Filling:
         made = partial(envelopes, sheets, t=t, known={})
         depths = partial(depths_about, grid, field) if straight else None
         return fill(part, samples, ways, made, depths, t, settings.fill_core)
 
     small = _node_count(part, FINER * grid_spacing(part, t)) <= FINER_NODES
-    filling = filled(carried=True)
-    if small and filling.uncovered > NEAR_RATIO:
-        samples = spread_samples(part, CLOSE_SAMPLES)
-        filling = filling.measured(part, samples)
-    if settings.fill_core and filling.missed:
-        ways = [filling, filled(carried=False)]
-        filling = min(ways, key=lambda way: way.rank)
-        if filling.missed:
-            even = min((way.even or way for way in ways), key=lambda way: way.hope)
-            grown = fill_pockets(part, samples, even.measured(part, samples), t)
-            filling = min(filling, grown, key=lambda way: way.rank)
+    if settings.fill_core:
+        filling = best_filling(part, samples, core, filled, t, small)
+    else:
+        filling = filled([core()], samples)
     off_share, missed = 0.0, 0
     if small:
         off_share, missed = depth_misses(filling.layers, field, straight)

@@ -18,8 +18,14 @@ from vega_planner.part.topology import connected_pieces
 #: Walls up to twice this, in t, get one sheet on their mid-surface instead of two.
 MIDDLE_RATIO = 0.64
 
+#: Gaps from which the next level may fill them, and how near to that others are, in t.
+NEXT_RATIOS, NEXT_NEAR_RATIO = (0.49, 0.47, 0.45), 0.0075
+
 #: A connected piece of a sheet moves whole where this share of it has no room of t.
 MOVING_SHARE = 0.3
+
+#: The same behind a level that has moved as a whole: what is deeper is core anyway.
+LEAST_SHARE = 0.02
 
 #: A connected piece of which this share is a sliver is made anew, all of it if what else it
 #: has is below this area, in t².
@@ -36,9 +42,11 @@ class Pieces:
     Attributes:
         piece: The piece each face belongs to, shape (m,).
         areas: Area of each piece [mm²], shape (k,).
-        ending: Area of its faces behind which there is no room for a layer [mm²], shape (k,).
+        ending: Area of its faces behind which there is no room for a layer, nor for a good
+            sheet between two fronts [mm²], shape (k,).
         thin: Area of those of them that are slivers [mm²], shape (k,).
         volume: What is left open or laid twice if no piece moves [mm³].
+        next_from: Gap from which the next level fills it [mm].
     """
 
     piece: Ints
@@ -46,6 +54,7 @@ class Pieces:
     ending: Floats
     thin: Floats
     volume: float
+    next_from: float
 
     @classmethod
     def of_front(
@@ -71,8 +80,28 @@ class Pieces:
         """
         piece, count = connected_pieces(len(front.vertices), front.faces)
         weights = np.zeros((3, count))
-        volume = kernels.weigh_pieces(piece, areas, gap, opposed, t, sliver, wide, weights)
-        return cls(piece, *weights, volume)
+        most = next_from(gap, areas, t)
+        volume = kernels.weigh_pieces(piece, areas, gap, opposed, t, most, sliver, wide, weights)
+        return cls(piece, *weights, volume, most)
+
+
+def next_from(gap: Floats, areas: Floats, t: float) -> float:
+    """Choose the gap from which the next level fills it, where the fewest are about as wide.
+
+    A last layer is at most 3/2 t thick. Where walls are all as thick as that, some faces
+    would else be filled by it and their neighbours by the next level.
+
+    Args:
+        gap: Gap behind each face [mm], shape (m,).
+        areas: Areas of the faces [mm²], shape (m,).
+        t: Layer thickness [mm].
+
+    Returns:
+        The gap [mm].
+    """
+    near = NEXT_NEAR_RATIO * t
+    crossed = [areas[np.abs(gap - ratio * t) < near].sum() for ratio in NEXT_RATIOS]
+    return NEXT_RATIOS[int(np.argmin(crossed))] * t
 
 
 def leaving_faces(
@@ -84,6 +113,7 @@ def leaving_faces(
     sliver: float,
     budget: float,
     moving: bool,
+    share: float,
     h: float,
     field: DistanceField,
     brr: DistanceField | None,
@@ -102,6 +132,8 @@ def leaving_faces(
         sliver: Half the width of a sliver [mm].
         budget: Volume left open or laid twice [mm³].
         moving: Whether pieces move; slivers leave in any case, since a grid may lose them.
+        share: Share of a piece, from the second level on, that has no room of t where it
+            moves; of those of the first level, `MOVING_SHARE` of it has none.
         h: Grid spacing [mm].
         field: Distances to S.
         brr: Distances to the restraint region, or None.
@@ -120,7 +152,7 @@ def leaving_faces(
         piece, areas = pieces[k].piece, all_areas[k]
         total, thinly = pieces[k].areas, pieces[k].thin
         count = len(total)
-        leaves = pieces[k].ending > MOVING_SHARE * total
+        leaves = pieces[k].ending > (share if k else MOVING_SHARE) * total
         narrow = leaves & (thinly > SLIVER_SHARE * total)
         narrow &= total - thinly <= BESIDE_RATIO * t * t
         small = np.flatnonzero((total < SMALL_RATIO * t * t) & ~narrow)
@@ -133,7 +165,7 @@ def leaving_faces(
         leaves = narrow | (leaves & moving)
         candidates = np.flatnonzero(leaves & ~narrow)
         if deeper and leaves.all() and len(candidates):
-            lost = np.where(gap < t / 2, np.abs(gap), 0.0) / 2
+            lost = np.where(gap < pieces[k].next_from, np.abs(gap), 0.0) / 2
             harm = np.bincount(piece, areas * lost, count)
             least = candidates[np.argmin(harm[candidates])]
             lasting.append((float(harm[least]), k, int(least)))
@@ -146,16 +178,15 @@ def leaving_faces(
             break
         moves[k][number] = False
     begun = False
-    for k, (gap, _) in enumerate(gaps):
+    for k in range(len(gaps)):
         if begun:
-            ends = np.bincount(pieces[k].piece, gap < t / 2, len(moves[k])) > 0
-            moves[k] |= ends & ~slivers[k]
+            moves[k] |= (pieces[k].ending > LEAST_SHARE * pieces[k].areas) & ~slivers[k]
         begun = begun or bool(len(moves[k]) and (moves[k] | slivers[k]).all())
     leaving = [
         (move[every.piece], thin[every.piece]) for move, thin, every in zip(moves, slivers, pieces)
     ]
     if leaving:
         gap, (moved, anew) = gaps[0][0], leaving[0]
-        walled = moved & (gap < t / 2) & (gap + t < MIDDLE_RATIO * t)
+        walled = moved & (gap < pieces[0].next_from) & (gap + t < MIDDLE_RATIO * t)
         leaving[0] = moved & ~walled, anew | walled
     return leaving
