@@ -104,10 +104,13 @@ def plate_with_holes() -> Solid:
     return solid
 
 
-def test_a_plate_five_layers_thick_keeps_two_from_each_side():
+def test_a_plate_five_layers_thick_keeps_two_from_each_side_and_gets_one_between_them():
     """Half of it is exactly the last layer's limit: no face may be filled by both ways."""
     stack = generate_layers(part_of(plate_with_holes()), SETTINGS)
     assert len(stack.layers) == 2
+    middle = max(stack.cores, key=lambda core: core.area)
+    assert np.median(middle.bead_thickness) == pytest.approx(0.8, abs=1e-3)
+    assert np.median(np.abs(middle.vertices[:, 2] - 2.0)) < 1e-3
     assert stack.uncovered_ratio <= 0.005
     assert stack.overfill_ratio <= 0.01
 

@@ -59,6 +59,9 @@ LEAN = 0.3
 #: is laid twice then, at the least thickness, as else by the sheets on both sides.
 WIDE_RATIO = 0.125
 
+#: They have one up to this half width, in t, where the next level is a sliver.
+ONE_RATIO = 0.75
+
 #: A sheet that is this near to the middle of a thin wall, in t, fills it.
 WITHIN_RATIO = 0.25
 
@@ -176,62 +179,61 @@ def fill_core(
         add_core_sheet(cores, field, walls, chosen & ~opposed, reach, 0.0, False, t, walls_most),
     ]
 
-    def fill_behind(k: int) -> list[Layer]:
-        """Move what leaves a level to the middle of its room, and fill the gaps behind it."""
+    def move(k: int) -> list[Layer]:
+        """Move what leaves a level to the middle of its room."""
         mine: list[Layer] = []
-        front, (gap, opposed), (moved, slivers) = fronts[k + 1], gaps[k + 1], leaving[k]
-        next_from = pieces[k + 1].next_from
-        most = t + next_from
+        front, (moved, slivers) = fronts[k + 1], leaving[k]
+        most = t + pieces[k + 1].next_from
         kept[k] &= ~moved & ~slivers
         for wall in thin if k == 0 else ():
             if wall is not None and moved.any():
                 moved = moved & ~_filled(front, moved, spread_room(front), wall, t, most)
-        own = gap < next_from
         beside = np.isfinite(front.aside)
         rooms[k][beside] = front.aside[beside] - k * t
-        if not own.any() and not moved.any():
+        if not moved.any():
             return mine
-        spread = np.minimum(spread_room(front), front.aside)
-        room = spread if carried else np.minimum(front.room, front.aside)
-        ends = END_RATIO
+        room, ends = np.minimum(front.room, front.aside), END_RATIO
+        if carried:
+            room = np.minimum(spread_room(front), front.aside)
         if carried and k == 0:
-            room = carried_room(front, moved, room, field, sheets[k + 1 : k + 2], t)
-            ends = 1.0
+            room, ends = carried_room(front, moved, room, field, sheets[1:2], t), 1.0
         last[k] = add_core_sheet(mine, field, front, moved, room, k * t, False, t, most, ends)
-        own &= kept[k]
-        wide = own & opposed & (gap >= WIDE_RATIO * t)
-        between = spread
-        if carried and wide.any():
-            between = carried_room(front, wide, front.room, field, (), t)
-            between = np.where(np.isfinite(between), between, spread)
-        add_core_sheet(mine, field, front, wide, between, (k + 1) * t, True, t, most)
-        narrow = np.unique(front.faces[own & ~wide])
-        free = np.where(np.isfinite(spread), spread - k * t, t)[narrow]
-        rooms[k][narrow] = free
         return mine
 
-    def fill_lost(k: int) -> list[Layer]:
-        """Make a level that is a sliver anew, from the one before it."""
+    def fill_behind(k: int) -> list[Layer]:
+        """Fill the gaps behind a level, where the next one is a sliver or there is none."""
         mine: list[Layer] = []
-        front, gap = fronts[k], gaps[k][0]
-        next_from = pieces[k].next_from
+        front, (gap, opposed) = fronts[k + 1], gaps[k + 1]
+        next_from = pieces[k + 1].next_from
         most = t + next_from
         lost = (gap >= next_from) & (gap < t / 2 + sliver)
-        lost &= (gap >= MIDDLE_RATIO * t) | (k > 0)
-        for wall in thin if k == 0 else ():
+        lost &= (gap >= MIDDLE_RATIO * t) | (k >= 0)
+        for wall in thin if k < 0 else ():
             if wall is not None and lost.any():
                 lost &= ~_filled(front, lost, spread_room(front), wall, t, most)
-        if lost.any() and k < len(sheets):
-            lost = _missing(front, lost, gap, sheets[k], kept[k], last[k], t)
-        if lost.any():
-            add_core_sheet(mine, field, front, lost, spread_room(front), k * t, False, t, most)
+        if lost.any() and k + 1 < len(sheets):
+            lost = _missing(front, lost, gap, sheets[k + 1], kept[k + 1], last[k + 1], t)
+        own = (gap < next_from) & kept[k] if k >= 0 else np.zeros(len(gap), bool)
+        if not own.any() and not lost.any():
+            return mine
+        if k >= 0:
+            wide = opposed & (gap >= WIDE_RATIO * t) & (own | (lost & (gap < ONE_RATIO * t)))
+            spread = np.minimum(spread_room(front), front.aside)
+            between = spread
+            if carried and wide.any():
+                between = carried_room(front, wide, front.room, field, (), t)
+                between = np.where(np.isfinite(between), between, spread)
+            add_core_sheet(mine, field, front, wide, between, (k + 1) * t, True, t, most)
+            narrow = np.unique(front.faces[own & ~wide])
+            rooms[k][narrow] = np.where(np.isfinite(spread), spread - k * t, t)[narrow]
+            lost &= ~wide
+        room = spread_room(front)
+        add_core_sheet(mine, field, front, lost, room, (k + 1) * t, False, t, most)
         return mine
 
-    def fill_about(k: int) -> tuple[list[Layer], list[Layer]]:
-        return fill_behind(k) if k < len(sheets) else [], fill_lost(k)
-
-    made = map_threads(fill_about, range(len(fronts)))
-    cores += [sheet for half in zip(*made) for mine in half for sheet in mine]
+    levels = range(len(sheets))
+    made = [*map_threads(move, levels), *map_threads(fill_behind, (-1, *levels))]
+    cores += [sheet for mine in made for sheet in mine]
     cores = [replace(sheet, index=index) for index, sheet in enumerate(cores)]
     _join_core(cores, sheets, rooms, kept, t)
     return Core(tuple(cores), tuple(rooms), tuple(kept))
