@@ -16,8 +16,6 @@ from vega_planner.settings import LayerSettings
 
 from .shapes import box, part_of
 
-EARLY = {"staying_ratio": None}
-
 
 class Tries:
     """Makes cores that differ by what is kept, and notes which are filled."""
@@ -52,13 +50,15 @@ class Tries:
         (True, [0.03, 0.01], [[{}, {"staying_ratio": 1.0}], [{}]]),
         (
             False, [0.03, 0.03, 0.01],
-            [[{}], [{"carried": False}], [{"moving_share": 0.1, "staying_ratio": 0.0}]],
+            [[{}], [{"carried": False}], [{"moving_share": 0.1}]],
         ),
     ],
 )  # fmt: skip
 def test_the_first_way_that_meets_the_aims_is_taken(early, overfills, filled):
     part, tries = box(8, 6, 4), Tries(early, overfills)
-    best = best_filling(part, spread_samples(part), tries.core, tries.fill, 0.8, False)
+    best = best_filling(
+        part, spread_samples(part), tries.core, tries.fill, 0.8, False, lambda _: True
+    )
     assert tries.filled == filled
     assert best.overfill == overfills[-1]
 

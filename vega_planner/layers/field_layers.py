@@ -61,6 +61,9 @@ MOST_NODES = 12e6
 #: grid closer by this factor, as often as this and while it has no more nodes than this.
 FINER, FINER_ROUNDS, FINER_NODES = 0.56, 2, 1.5e6
 
+#: It stops if one leaves more than this share of what the aims for the filling were missed by.
+LEFT_RATIO = 0.7
+
 #: Open share of the volume above which a person is told.
 OPEN_RATIO = 0.01
 
@@ -131,14 +134,16 @@ def field_layers(part: Part, settings: LayerSettings, report: Report) -> LayerSt
     ]
     (state, origin, shape), samples, brr = map_threads(lambda work: work(), begun)
     grid = sample_nodes(state, origin, spacing, shape, field, report)
-    best = _sampled(part, settings, field, brr, grid, samples, report)
-    for _ in range(FINER_ROUNDS):
+    best = _sampled(part, settings, field, brr, grid, samples, report, FINER_ROUNDS)
+    for left in reversed(range(FINER_ROUNDS)):
         spacing = FINER * min(spacing, best.spacing)
         if _node_count(part, spacing) > FINER_NODES or not best.aims_missed:
             break
         grid = sample_part(part, field, spacing, report)
-        finer = _sampled(part, settings, field, brr, grid, samples, report)
-        best = min(best, finer, key=lambda way: way.rank)
+        finer = _sampled(part, settings, field, brr, grid, samples, report, left)
+        before, best = best.filling.missed, min(best, finer, key=lambda way: way.rank)
+        if not finer.depths_missed and finer.filling.missed > LEFT_RATIO * before > 0:
+            break
     filling, warnings = best.filling, best.warnings
     if filling.uncovered > OPEN_RATIO:
         warnings += (f"{filling.uncovered:.1%} of the volume is covered by no layer",)
@@ -196,8 +201,13 @@ def _sampled(
     grid: Grid,
     samples: Samples,
     report: Report,
+    left: int,
 ) -> _Sampled:
-    """Make the layers with a grid, or a closer one where there are gaps."""
+    """Make the layers with a grid, or a closer one where there are gaps.
+
+    Args:
+        left: How often the part may be sampled again.
+    """
     t = settings.thickness_mm
     gaps = grid.gap_share > GAP_SHARE
     closer = grid_spacing(part, t, gaps)
@@ -241,11 +251,16 @@ def _sampled(
         return fill(part, samples, ways, made, depths, t, settings.fill_core)
 
     small = _node_count(part, FINER * grid_spacing(part, t)) <= FINER_NODES
+    again = left > 0 and _node_count(part, FINER * grid.spacing) <= FINER_NODES
+
+    def off_depth(filling: Filling) -> tuple[float, int]:
+        return depth_misses(filling.layers, field, straight) if small else (0.0, 0)
+
+    def is_final(filling: Filling) -> bool:
+        return not (again and off_depth(filling)[1])
+
     if settings.fill_core:
-        filling = best_filling(part, samples, core, filled, t, small)
+        filling = best_filling(part, samples, core, filled, t, small, is_final)
     else:
         filling = filled([core()], samples)
-    off_share, missed = 0.0, 0
-    if small:
-        off_share, missed = depth_misses(filling.layers, field, straight)
-    return _Sampled(filling, grid.spacing, warnings, off_share, missed)
+    return _Sampled(filling, grid.spacing, warnings, *off_depth(filling))

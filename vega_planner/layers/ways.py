@@ -25,11 +25,13 @@ def best_filling(
     fill: Callable[[list[Core], Samples], Filling],
     t: float,
     small: bool,
+    is_final: Callable[[Filling], bool],
 ) -> Filling:
     """Fill a part in one way after another until the aims are met.
 
-    Pieces of levels that move into the core leave fewer envelope layers, so the ways in
-    which more of them move come last; at the end sheets grow towards what all leave open.
+    The more pieces of levels move into the core, the fewer envelopes are left, so ways in
+    which more of them move come last, and none in which whole levels do that did not at
+    first. At the end sheets grow towards what all ways leave open.
 
     Args:
         part: The part.
@@ -38,6 +40,7 @@ def best_filling(
         fill: Fills what given ways to make the core leave open, by given points.
         t: Layer thickness [mm].
         small: Whether the part is small enough to be asked at many points.
+        is_final: Whether the first filling is not to be replaced anyhow, so that others pay.
 
     Returns:
         The best filling found.
@@ -55,15 +58,19 @@ def best_filling(
     if small and filling.uncovered > NEAR_RATIO:
         samples = spread_samples(part, CLOSE_SAMPLES)
         filling = filling.measured(part, samples)
+    if not filling.missed or not is_final(filling):
+        return filling
     others: list[Callable[[], list[Core]]] = [
         lambda: first[:1],
         lambda: ways(carried=False),
-        lambda: [core(moving_share=LITTLE_SHARE, staying_ratio=0.0)],
+        lambda: [core(staying_ratio=0.0)],
+        lambda: [core(moving_share=LITTLE_SHARE)],
     ]
     known, tried = [first], [filling]
-    for other in others if filling.missed else ():
+    for other in others:
         cores = other()
-        if any(_alike(cores, before) for before in known):
+        early = cores[0].begins_early and not known[0][0].begins_early
+        if early or any(_alike(cores, before) for before in known):
             continue
         known.append(cores)
         tried.append(fill(cores, samples))
