@@ -132,3 +132,11 @@ def test_the_limit_of_the_last_layer_keeps_off_the_gaps_that_most_faces_have():
     assert next_from(gap, areas, t) == 0.45
     assert next_from(gap[2:], areas[2:], t) == 0.47
     assert next_from(np.array([np.inf]), np.array([1.0]), t) == 0.49
+
+
+def test_a_rod_with_a_thin_core_is_not_filled_as_a_wall():
+    """Its fronts meet on a line: what is left there is round, and laid once."""
+    rod = part_of(Solid.cylinder(30, 3.17, 3.17, 24), base)
+    stack = generate_layers(rod, LayerSettings(thickness_mm=1.2))
+    assert stack.uncovered_ratio <= 0.005
+    assert stack.overfill_ratio <= 0.02

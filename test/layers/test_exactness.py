@@ -86,3 +86,18 @@ def test_small_parts_are_sampled_closer_until_their_layers_are_on_their_level():
     assert np.quantile(off, 0.99) < 0.02
     assert stack.uncovered_ratio < 0.005
     assert stack.overfill_ratio < 0.02
+
+
+def impeller() -> Solid:
+    solid = Solid.cylinder(4, 20, 20, 96) + Solid.cylinder(15, 5, 5, 64)
+    blade = Solid.cube((15, 2.2, 10)).translate((4, -1.1, 3))
+    for k in range(7):
+        solid += blade.rotate((0, 0, 360 * k / 7))
+    return solid
+
+
+def test_where_an_edge_is_divided_beside_the_region_it_stays_inside():
+    """A crease between two fronts may leave the part where it meets the region."""
+    stack = generate_layers(part_of(impeller(), base), LayerSettings(thickness_mm=0.8))
+    lowest = min(layer.vertices[:, 2].min() for layer in stack.layers)
+    assert lowest > -1e-3

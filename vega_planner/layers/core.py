@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vega_planner.datatypes import Bools, Floats, Layer, Part
+from vega_planner.datatypes import Bools, Floats, Ints, Layer, Part, row_lengths
 from vega_planner.layers.carry import carried_room
 from vega_planner.layers.contour import Sheet
 from vega_planner.layers.core_sheet import add_core_sheet
@@ -61,6 +61,10 @@ WIDE_RATIO = 0.125
 
 #: They have one up to this half width, in t, where the next level is a sliver.
 ONE_RATIO = 0.75
+
+#: The middle between fronts is a surface where it is as deep, but for this share, this far
+#: beside, in its depth, on one side at least.
+FLAT_SHARE, BESIDE_SHARE = 0.7, 0.5
 
 #: A sheet that is this near to the middle of a thin wall, in t, fills it.
 WITHIN_RATIO = 0.25
@@ -217,8 +221,10 @@ def fill_core(
         if not own.any() and not lost.any():
             return mine
         if k >= 0:
-            wide = opposed & (gap >= WIDE_RATIO * t) & (own | (lost & (gap < ONE_RATIO * t)))
             spread = np.minimum(spread_room(front), front.aside)
+            one = lost & opposed & (gap < ONE_RATIO * t)
+            one[one] = _is_flat(front, np.flatnonzero(one), spread, field)
+            wide = (own & opposed & (gap >= WIDE_RATIO * t)) | one
             between = spread
             if carried and wide.any():
                 between = carried_room(front, wide, front.room, field, (), t)
@@ -250,6 +256,21 @@ def _leave_out(front: Front, chosen: Bools, sheet: Sheet, stays: Bools, t: float
         reach = WITHIN_RATIO * t
         near = distances_within(sheet.vertices, sheet.faces[stays], middles, reach)
         chosen[rows[near < reach]] = False
+
+
+def _is_flat(front: Front, rows: Ints, room: Floats, field: DistanceField) -> Bools:
+    """Tell of which faces the middle of their room is a surface: in a rod it is a line."""
+    corners, inward = front.faces[rows], face_inward(front, rows)
+    reach = room[corners].mean(1)[:, None]
+    middles = front.feet[corners].mean(1) + reach * inward
+    least = np.eye(3)[np.argmin(np.abs(inward), axis=1)]
+    flat = np.ones(len(rows), bool)
+    for across in (np.cross(inward, least), np.cross(inward, np.cross(inward, least))):
+        step = BESIDE_SHARE * reach * across / np.maximum(row_lengths(across), 1e-12)[:, None]
+        near = FLAT_SHARE * reach[:, 0]
+        found = [field.nearest(middles + way * step, near).distances for way in (1, -1)]
+        flat &= np.isinf(found).any(0)
+    return flat
 
 
 def _filled(
