@@ -9,6 +9,7 @@ from pathlib import Path
 import manifold3d
 import numpy as np
 import trimesh
+from everyday_parts import everyday_parts
 
 from vega_planner.datatypes import Part
 from vega_planner.part.load import load_part
@@ -233,7 +234,7 @@ PARTS: dict[str, Callable[[], Part]] = {
     f"ring{w}": ring_wall(w) for w in (0.6, 1.0, 2.0, 2.5)
 } | {f"cup{w}": cup(w) for w in (0.6, 0.8, 1.0, 1.2, 1.5, 2.0, 2.5, 3.0)} | {
     f"tray{w}": tray(w) for w in (0.6, 0.8, 1.0, 1.2, 1.5, 2.0, 2.5, 3.0)
-}  # fmt: skip
+} | everyday_parts(make_part, base, nothing)  # fmt: skip
 
 
 def mesh_parts(folder: Path) -> dict[str, Callable[[], Part]]:

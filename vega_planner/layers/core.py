@@ -8,10 +8,12 @@ room g = m - (N + 1) t behind a band:
 
 - g < t / 2: the last layer gets the thickness t + g, between t/2 and 3/2 t. If that
   matters for the part as a whole (thin walls), it also moves to the middle of its room
-  and becomes a sheet of the core; else a gap of at least t/2 gets a sheet of its own on
-  the mid-surface.
-- g a little above t / 2: the next layer is a sliver that a grid may lose; it is made
-  here, from the layer before it.
+  and becomes a sheet of the core. Beside layers that stay, a gap between two fronts gets
+  a sheet of its own on the mid-surface; where most gaps are wide enough for a good one,
+  layers stay.
+- g a little above t / 2: the next layer is a sliver that a grid may lose. A sheet on the
+  mid-surface takes its place, or one made here from the layer before it where fronts meet
+  on a line or end at the restraint region.
 - A wall thinner than a layer gets one sheet on its mid-surface, and a floor thinner than
   that one half-way to the restraint region. What they fill is not laid twice.
 """
