@@ -15,7 +15,7 @@ from vega_planner.settings import LayerSettings
 from .shapes import base, part_of
 
 SETTINGS = LayerSettings(thickness_mm=0.8)
-WALL = 1.8
+WALL = 2.0
 
 
 @pytest.fixture(scope="module")

@@ -33,6 +33,10 @@ OPEN_WEIGHT = 4.0
 #: Levels stay as they are unless the core that begins early is better by this factor.
 EARLY_GAIN = 1.3
 
+#: And unless they have more area than this, in that of the other sheets: more way to lay, in
+#: thinner beads.
+MORE_AREA = 1.15
+
 #: The farthest that last layers lean.
 MOST_LEAN = 0.9
 
@@ -70,6 +74,11 @@ class Filling:
     def sheets(self) -> tuple[Layer, ...]:
         """All sheets, cores last."""
         return (*self.layers, *self.cores)
+
+    @property
+    def area(self) -> float:
+        """Area of all sheets [mm²]."""
+        return sum(sheet.area for sheet in self.sheets)
 
     @property
     def uncovered(self) -> float:
@@ -162,7 +171,8 @@ def fill(
     best = filling(core, LEAN)
     for other in cores[1:]:
         kept = filling(other, LEAN)
-        if kept.harm < EARLY_GAIN * best.harm:
+        more = kept.area > MORE_AREA * best.area
+        if kept.harm < EARLY_GAIN * best.harm and not more:
             core, best = other, kept
     if best.uncovered < FILLED_RATIO or not improve:
         return best
