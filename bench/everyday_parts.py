@@ -8,8 +8,6 @@ from collections.abc import Callable
 import manifold3d
 import numpy as np
 
-from vega_planner.datatypes import Part
-
 Solid = manifold3d.Manifold
 Outline = manifold3d.CrossSection
 
@@ -105,21 +103,3 @@ SOLIDS: dict[str, Callable[[], Solid]] = {
         mug, bracket, impeller, perforated, ribbed, pins, gyroid, twisted, blade, honeycomb,
     )
 }  # fmt: skip
-
-
-def everyday_parts(
-    make: Callable[[str, Solid, Callable], Part], base: Callable, nothing: Callable
-) -> dict[str, Callable[[], Part]]:
-    """Stand each on its base, and take it with no restraint region, too.
-
-    Args:
-        make: Turns a name, a solid and what chooses the restrained faces into a part.
-        base: Chooses the faces on the plate.
-        nothing: Chooses none.
-    """
-    parts: dict[str, Callable[[], Part]] = {}
-    for name, solid in SOLIDS.items():
-        parts[name] = lambda name=name, solid=solid: make(name, solid(), base)
-        full = f"{name}_full"
-        parts[full] = lambda full=full, solid=solid: make(full, solid(), nothing)
-    return parts

@@ -9,7 +9,7 @@ from pathlib import Path
 import manifold3d
 import numpy as np
 import trimesh
-from everyday_parts import everyday_parts
+from everyday_parts import SOLIDS
 
 from vega_planner.datatypes import Part
 from vega_planner.part.load import load_part
@@ -201,6 +201,13 @@ def turned_box() -> Part:
     return Part("turned_box", part.vertices, part.faces, part.face_normals[:, 2] < lowest + 1e-6)
 
 
+def everyday(
+    name: str, solid: str, restrain: Callable[[np.ndarray, np.ndarray], np.ndarray]
+) -> Callable[[], Part]:
+    """An everyday part on its base, or with no restraint region."""
+    return lambda: make_part(name, SOLIDS[solid](), restrain)
+
+
 PARTS: dict[str, Callable[[], Part]] = {
     "dome": lambda: make_part("dome", ball(15).trim_by_plane((0, 0, 1), 0), base),
     "sphere": lambda: make_part("sphere", ball(15), nothing),
@@ -234,7 +241,9 @@ PARTS: dict[str, Callable[[], Part]] = {
     f"ring{w}": ring_wall(w) for w in (0.6, 1.0, 2.0, 2.5)
 } | {f"cup{w}": cup(w) for w in (0.6, 0.8, 1.0, 1.2, 1.5, 2.0, 2.5, 3.0)} | {
     f"tray{w}": tray(w) for w in (0.6, 0.8, 1.0, 1.2, 1.5, 2.0, 2.5, 3.0)
-} | everyday_parts(make_part, base, nothing)  # fmt: skip
+} | {name: everyday(name, name, base) for name in SOLIDS} | {
+    f"{name}_full": everyday(f"{name}_full", name, nothing) for name in SOLIDS
+}  # fmt: skip
 
 
 def mesh_parts(folder: Path) -> dict[str, Callable[[], Part]]:

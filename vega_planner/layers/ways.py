@@ -40,7 +40,8 @@ def best_filling(
         fill: Fills what given ways to make the core leave open, by given points.
         t: Layer thickness [mm].
         small: Whether the part is small enough to be asked at many points.
-        is_final: Whether the first filling is not to be replaced anyhow, so that others pay.
+        is_final: Whether the first filling stands; else a closer grid follows anyhow, and
+            no other way is tried.
 
     Returns:
         The best filling found.
@@ -69,8 +70,8 @@ def best_filling(
     known, tried = [first], [filling]
     for other in others:
         cores = other()
-        early = cores[0].begins_early and not known[0][0].begins_early
-        if early or any(_alike(cores, before) for before in known):
+        leaves_early = cores[0].begins_early and not first[0].begins_early
+        if leaves_early or any(_alike(cores, before) for before in known):
             continue
         known.append(cores)
         tried.append(fill(cores, samples))
