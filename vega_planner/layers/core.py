@@ -24,17 +24,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vega_planner.datatypes import Bools, Floats, Ints, Layer, Part, row_lengths
+from vega_planner.datatypes import Bools, Floats, Layer, Part
 from vega_planner.layers.carry import carried_room
 from vega_planner.layers.contour import Sheet
+from vega_planner.layers.core_faces import filled_by_wall, is_flat, leave_out, missing_ahead
 from vega_planner.layers.core_sheet import add_core_sheet
-from vega_planner.layers.distance_field import DistanceField, distances_within
+from vega_planner.layers.distance_field import DistanceField
 from vega_planner.layers.front import (
     END_RATIO,
     Front,
     face_areas,
     face_gaps,
-    face_inward,
     sheet_front,
     spread_room,
     thin_walls,
@@ -42,7 +42,6 @@ from vega_planner.layers.front import (
 from vega_planner.layers.grid import Grid
 from vega_planner.layers.leaving import MIDDLE_RATIO, MOVING_SHARE, Pieces, leaving_faces
 from vega_planner.parallel import map_threads
-from vega_planner.part.topology import connected_pieces
 
 #: Pieces of a level set up to this width, in t, count as slivers that a grid may lose.
 SLIVER_RATIO = 0.66
@@ -63,17 +62,6 @@ WIDE_RATIO = 0.125
 
 #: They have one up to this half width, in t, where the next level is a sliver.
 ONE_RATIO = 0.75
-
-#: The middle between fronts is a surface where it is as deep, but for this share, this far
-#: beside, in its depth, on one side at least.
-FLAT_SHARE, BESIDE_SHARE = 0.7, 0.5
-
-#: A sheet that is this near to the middle of a thin wall, in t, fills it.
-WITHIN_RATIO = 0.25
-
-#: Where, in the thickness of a face, it is asked whether a wall's sheet fills it, and how
-#: near is near enough, in t.
-FILLED_AT, NEARLY = (0.1, 0.5, 0.9), 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,7 +166,7 @@ def fill_core(
     )  # fmt: skip
     if sheets and chosen.any():
         stays = ~(leaving[0][0] | leaving[0][1])
-        _leave_out(walls, chosen, sheets[0], stays, t)
+        leave_out(walls, chosen, sheets[0], stays, t)
     reach, walls_most = spread_room(walls), t + pieces[0].next_from
     thin = [
         add_core_sheet(cores, field, walls, chosen & opposed, reach, 0.0, True, t, walls_most),
@@ -193,7 +181,7 @@ def fill_core(
         kept[k] &= ~moved & ~slivers
         for wall in thin if k == 0 else ():
             if wall is not None and moved.any():
-                moved = moved & ~_filled(front, moved, spread_room(front), wall, t, most)
+                moved = moved & ~filled_by_wall(front, moved, spread_room(front), wall, t, most)
         beside = np.isfinite(front.aside)
         rooms[k][beside] = front.aside[beside] - k * t
         if not moved.any():
@@ -216,16 +204,16 @@ def fill_core(
         lost &= (gap >= MIDDLE_RATIO * t) | (k >= 0)
         for wall in thin if k < 0 else ():
             if wall is not None and lost.any():
-                lost &= ~_filled(front, lost, spread_room(front), wall, t, most)
+                lost &= ~filled_by_wall(front, lost, spread_room(front), wall, t, most)
         if lost.any() and k + 1 < len(sheets):
-            lost = _missing(front, lost, gap, sheets[k + 1], kept[k + 1], last[k + 1], t)
+            lost = missing_ahead(front, lost, gap, sheets[k + 1], kept[k + 1], last[k + 1], t)
         own = (gap < next_from) & kept[k] if k >= 0 else np.zeros(len(gap), bool)
         if not own.any() and not lost.any():
             return mine
         if k >= 0:
             spread = np.minimum(spread_room(front), front.aside)
             one = lost & opposed & (gap < ONE_RATIO * t)
-            one[one] = _is_flat(front, np.flatnonzero(one), spread, field)
+            one[one] = is_flat(front, np.flatnonzero(one), spread, field)
             wide = (own & opposed & (gap >= WIDE_RATIO * t)) | one
             between = spread
             if carried and wide.any():
@@ -245,79 +233,6 @@ def fill_core(
     cores = [replace(sheet, index=index) for index, sheet in enumerate(cores)]
     _join_core(cores, sheets, rooms, kept, t)
     return Core(tuple(cores), tuple(rooms), tuple(kept))
-
-
-def _leave_out(front: Front, chosen: Bools, sheet: Sheet, stays: Bools, t: float) -> None:
-    """Leave out the faces of a thin wall through which a sheet that stays passes, in place."""
-    rows = np.flatnonzero(chosen)
-    corners = front.faces[rows]
-    room = np.where(np.isfinite(front.room[corners]), front.room[corners], np.nan)
-    middles = front.feet[corners].mean(1)
-    middles += np.nanmean(room, axis=1)[:, None] * face_inward(front, rows)
-    if stays.any():
-        reach = WITHIN_RATIO * t
-        near = distances_within(sheet.vertices, sheet.faces[stays], middles, reach)
-        chosen[rows[near < reach]] = False
-
-
-def _is_flat(front: Front, rows: Ints, room: Floats, field: DistanceField) -> Bools:
-    """Tell of which faces the middle of their room is a surface: in a rod it is a line."""
-    corners, inward = front.faces[rows], face_inward(front, rows)
-    reach = room[corners].mean(1)[:, None]
-    middles = front.feet[corners].mean(1) + reach * inward
-    least = np.eye(3)[np.argmin(np.abs(inward), axis=1)]
-    flat = np.ones(len(rows), bool)
-    for across in (np.cross(inward, least), np.cross(inward, np.cross(inward, least))):
-        step = BESIDE_SHARE * reach * across / np.maximum(row_lengths(across), 1e-12)[:, None]
-        near = FLAT_SHARE * reach[:, 0]
-        found = [field.nearest(middles + way * step, near).distances for way in (1, -1)]
-        flat &= np.isinf(found).any(0)
-    return flat
-
-
-def _filled(
-    front: Front, chosen: Bools, room: Floats, wall: Layer, t: float, most: float
-) -> Bools:
-    """Find the chosen faces of a front whose room a thin wall's sheet fills."""
-    rows = np.flatnonzero(chosen)
-    corners = front.faces[rows]
-    free = np.where(room < most, room, t)[corners].mean(1)[:, None]
-    feet, inward = front.feet[corners].mean(1), face_inward(front, rows)
-    tree = DistanceField(wall.vertices, wall.faces)
-    half = wall.thickness[wall.faces].mean(1) / 2
-    filled = np.zeros(len(chosen), bool)
-    filled[rows] = True
-    for share in FILLED_AT:
-        near = tree.nearest(feet + share * free * inward)
-        filled[rows] &= near.distances <= half[near.faces] + NEARLY * t
-    rest = np.flatnonzero(chosen & ~filled)
-    if len(rest):
-        # Bits smaller than a bead is wide are no sheet of their own.
-        piece, _ = connected_pieces(len(front.vertices), front.faces[rest])
-        filled[rest[np.bincount(piece, face_areas(front)[rest])[piece] < t * t]] = True
-    return filled
-
-
-def _missing(
-    front: Front, chosen: Bools, gap: Floats, sheet: Sheet, kept: Bools, moved: Layer | None,
-    t: float,
-) -> Bools:  # fmt: skip
-    """Find the chosen faces ahead of which the next level has neither stayed nor moved."""
-    k = front.level + 1
-    rows = np.flatnonzero(chosen)
-    feet, inward = front.feet[front.faces[rows]].mean(1), face_inward(front, rows)
-    there = sheet.faces[kept]
-    if len(there):
-        ahead = feet + (k + 0.5) * t * inward
-        gone = distances_within(sheet.vertices, there, ahead, t / 2) > t / 2
-        rows, feet, inward = rows[gone], feet[gone], inward[gone]
-    if moved is not None and len(rows):
-        ahead = feet + (k * t + gap[rows, None] / 2) * inward
-        near = DistanceField(moved.vertices, moved.faces)
-        rows = rows[near.distances(ahead) > t / 4]
-    missing = np.zeros(len(chosen), bool)
-    missing[rows] = True
-    return missing
 
 
 def _join_core(
